@@ -30,7 +30,7 @@ use crate::protocol::{CallError, Reply};
 const PATH_LOOK: Duration = Duration::from_secs(1);
 /// How long accepting pauses when the system has no more descriptors or memory.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
-/// How often the log repeats that while it lasts.
+/// How often the log repeats the failure to accept while it lasts.
 const SAY_AGAIN: Duration = Duration::from_secs(60);
 /// The most connections accepted in one go.
 const ACCEPT_MAX: usize = 64;
@@ -231,7 +231,7 @@ mod tests {
         Places::new(&options, usize::MAX)
     }
 
-    /// Places that one user gets by asking again and again, when `taken` are taken by others.
+    /// The places that one user gets by asking again and again, when other users hold `taken` places.
     fn gets(places: &Places, taken: usize, uid: Uid, role: Role) -> usize {
         (0..).take_while(|held| places.room(taken + held, *held, uid, role).is_ok()).count()
     }
@@ -244,7 +244,7 @@ mod tests {
         for trusted in [Uid::from_raw(0), geteuid()] {
             assert_eq!(gets(&places, 0, trusted, Role::Engineer), 224);
         }
-        // Then others still get in, whoever they are: users of whom each takes what he gets.
+        // Other users still get in: each takes all the places that the daemon gives.
         let mut taken = 224;
         let mut observers = 0;
         loop {

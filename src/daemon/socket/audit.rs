@@ -1,6 +1,6 @@
-//! Limits how many refusals are logged: each user's first ones, then a count.
+//! Limits how many refusals the log gets: each user's first refusals, then a count.
 //!
-//! Whoever may connect could otherwise fill the log, or have the journal drop the lines of others.
+//! Otherwise any user who may connect could fill the log, or have the journal drop other users' lines.
 
 use std::collections::HashMap;
 use std::fmt::{self, Write as _};
@@ -12,18 +12,18 @@ use nix::unistd::Uid;
 use super::policy::{Peer, Role};
 use crate::daemon::shared::log_quota::LogQuota;
 
-/// How many refusals of one user are logged, and in which time.
+/// How many refusals of one user the log gets in one [`PERIOD`].
 const TOLD: u32 = 20;
-/// How many refusals of all users together, in that time.
+/// How many refusals of all users together the log gets in that time.
 const TOLD_ALL: u32 = 100;
 const PERIOD: Duration = Duration::from_secs(10);
-/// How many commands of one user of the role stop are logged, in that time.
+/// How many commands of one user of the role stop the log gets in that time.
 const TOLD_DONE: u32 = 100;
-/// The most characters of a line. What a client sent can be as long as a message.
+/// The most characters of a line of the log. A client's text can be as long as a message.
 const LENGTH: usize = 240;
 
-/// What is to be logged when it is done: what `peer` `sends`. A question is logged at level debug, at once: who polls would fill the
-/// log.
+/// The entry for the log once the daemon carries out `sends` for `peer`. The log gets a question at once, at level
+/// debug: a client that polls would fill the log.
 pub(super) fn entry(peer: Peer, sends: String, is_question: bool) -> Option<String> {
     if is_question {
         debug!(target: "audit", "{} {sends}", peer.account());
@@ -31,7 +31,7 @@ pub(super) fn entry(peer: Peer, sends: String, is_question: bool) -> Option<Stri
     (!is_question).then_some(sends)
 }
 
-/// The quota of `user`, begun at `now` where there is none.
+/// The quota of `user`. A new quota begins at `now`.
 fn quota_of(quotas: &mut HashMap<Uid, LogQuota>, user: Uid, now: Instant) -> &mut LogQuota {
     quotas.entry(user).or_insert(LogQuota::until(now + PERIOD))
 }
@@ -40,12 +40,12 @@ fn quota_of(quotas: &mut HashMap<Uid, LogQuota>, user: Uid, now: Instant) -> &mu
 #[derive(Debug, Default)]
 pub(super) struct AuditLimit {
     users: HashMap<Uid, LogQuota>,
-    /// What was done for users of the role stop, who could fill the log otherwise.
+    /// The commands carried out for users of the role stop: otherwise such a user could fill the log.
     done: HashMap<Uid, LogQuota>,
 }
 
 impl AuditLimit {
-    /// Logs what was refused to `user`, or counts it.
+    /// Logs a refusal to `user`, or counts it.
     pub(super) fn tell(&mut self, user: Uid, what: fmt::Arguments<'_>, now: Instant) {
         if self.may_tell(user, now) {
             info!(target: "audit", "{}", one_line(what));
@@ -57,7 +57,7 @@ impl AuditLimit {
         quota_of(&mut self.users, user, now).may_tell(if told_all < TOLD_ALL { TOLD } else { 0 })
     }
 
-    /// Logs what is done for `peer`; of one who has only the `role` stop not without a limit.
+    /// Logs a command carried out for `peer`. For a user of the role stop, [`TOLD_DONE`] limits the entries.
     pub(super) fn tell_done(&mut self, peer: Peer, role: Option<Role>, what: &str, now: Instant) {
         let Peer { uid, pid, .. } = peer;
         if role != Some(Role::Stop) || quota_of(&mut self.done, uid, now).may_tell(TOLD_DONE) {
@@ -96,7 +96,7 @@ impl AuditLimit {
     }
 }
 
-/// `text` as one line of bounded length: a client's own words must not look like a line of the log.
+/// `text` as one line of bounded length: a client's text must not look like a line of the log.
 fn one_line(text: fmt::Arguments<'_>) -> String {
     struct Line(String, usize);
     impl fmt::Write for Line {
@@ -117,7 +117,7 @@ fn one_line(text: fmt::Arguments<'_>) -> String {
         }
     }
     let mut line = Line(String::new(), 0);
-    // An error says only that it was cut.
+    // An error says only that the line was cut.
     let _ = line.write_fmt(text);
     line.0
 }
@@ -162,7 +162,7 @@ mod tests {
         let peer = Peer { uid: Uid::from_raw(1), gid: nix::unistd::Gid::from_raw(1), pid: 7 };
         for _ in 0..5000 {
             audit.tell_done(peer, Some(Role::Stop), "sends ^A", now);
-            // Whoever moves the machine has every command logged.
+            // The log gets every command of a user who may move the machine.
             audit.tell_done(peer, Some(Role::Operate), "panel jog+ [1]", now);
         }
         let quota = &audit.done[&peer.uid];

@@ -15,28 +15,29 @@ pub(super) enum CallStep {
     Reply(LineEffect),
     /// A job, or the board's answer to a question about it.
     Job(Box<JobCall>),
-    /// The board's answer which motor is addressed, or the line that jogs.
+    /// The board's answer which motor it addresses, or the line that jogs.
     JogTo(JogTo),
     /// The board's answer about the lines in a rotary buffer that this start would run.
     Start(Box<FirstStart>),
-    /// The board's answer whether it copies registers, before a watch of these.
+    /// The board's answer whether it copies registers, before a client watches these.
     Watch(Vec<VariableEntry>),
-    /// The board's servo counter, for which it was asked at this moment: the caller hears how many resets were found.
+    /// The board's servo counter, which the daemon asked for at this moment: the caller hears how many resets the
+    /// daemon has found.
     Resets(Instant),
 }
 
-/// What a command is to the call for whose sake it is sent.
+/// A command's part in its call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum CommandPart {
-    /// What the caller asked for.
+    /// The caller's request.
     Deed,
     /// The jog that the caller holds.
     Hold,
-    /// A question of the daemon's own, before something begins.
+    /// The daemon's own question, before the call begins anything.
     Before,
-    /// A question of the daemon's own about what is done, or refused, already.
+    /// The daemon's own question, after the daemon has done or refused the request.
     Behind,
-    /// A question of the daemon's own with which nothing begins.
+    /// The daemon's own question, in a call that begins nothing.
     Look,
 }
 
@@ -48,7 +49,7 @@ impl CommandPart {
 }
 
 impl CallStep {
-    /// What the command under way is to the call.
+    /// The part of the command under way in its call.
     pub(super) const fn part(&self) -> CommandPart {
         match self {
             Self::Reply(_) => CommandPart::Deed,

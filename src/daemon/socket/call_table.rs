@@ -15,8 +15,8 @@ use crate::function::line_port::ResponseText;
 use crate::map::Motors;
 use crate::protocol::control;
 
-/// How much longer than a call's deadline the server waits for the bus thread: more than a port takes to be silent again after it gave
-/// up on a line (1 s), less than a client waits for the daemon (2 s).
+/// How much longer than a call's deadline the server waits for the bus thread: more than a port takes to be silent
+/// again after it gave up on a line (1 s), less than a client waits for the daemon (2 s).
 const GRACE: Duration = Duration::from_millis(1500);
 /// How long the board may take to answer a question that the daemon asks for a call's sake.
 const QUESTION_TIMEOUT: Duration = Duration::from_millis(500);

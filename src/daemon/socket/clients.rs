@@ -1,4 +1,4 @@
-//! Every connection, and whose turn it is to be served.
+//! Every connection, and the order in which the server serves them.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -23,12 +23,12 @@ pub(super) struct Clients {
 }
 
 impl Clients {
-    /// Nobody, with `patience` for those who come.
+    /// No clients yet, with `patience` for each that comes.
     pub(super) fn new(patience: Duration) -> Self {
         Self { clients: BTreeMap::new(), next: 0, quotas: TimeQuotas::default(), patience }
     }
 
-    /// Takes one more in.
+    /// Adds a client.
     pub(super) fn add(&mut self, client: Client) {
         self.clients.insert(self.next, client);
         self.next += 1;

@@ -1,4 +1,4 @@
-//! One client of the command socket: its buffers, its wait, and whether it is still there.
+//! One client of the command socket: its buffers, its wait, and whether it is still connected.
 //!
 //! Nothing here blocks. Every buffer is bounded, and the server drops a client that stops half-way for too long.
 
@@ -250,12 +250,12 @@ impl Client {
         self.stalled_since = None;
     }
 
-    /// Whether replies reach the client.
+    /// Whether replies still reach the client.
     pub(super) fn hears(&self) -> bool {
         !self.hung_up
     }
 
-    /// The next call, if there is one and it may begin now.
+    /// The next call, if the client has sent one and it may begin now.
     ///
     /// # Errors
     /// [`TooLong`] when a message has outgrown the limit: the server cannot follow the stream further.
@@ -367,7 +367,7 @@ impl Client {
         (self.has_spoken, self.heard)
     }
 
-    /// Whether nothing of the client is under way: it waits for nothing, the server has answered all its calls, and has
+    /// Whether nothing of the client is under way: it waits for nothing, and the server has answered all its calls and
     /// sent all answers.
     pub(super) fn is_idle(&self) -> bool {
         let nothing_here = self.inbox.held().is_empty() && self.outbox.is_empty() && !self.has_more;

@@ -1,4 +1,4 @@
-//! Whose command is next: the users take turns, and so do each user's connections.
+//! Chooses the next command: the users take turns, and so do each user's connections.
 //!
 //! The bus thread gets few commands at a time. The others wait here, in a fair order: a user with sixty connections delays
 //! another user's command by the few that the bus thread has and by one more, not by sixty. A connection has at most one
@@ -12,12 +12,12 @@ use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{Command, Ticket, at_once};
 use crate::function::ascii::control::control_has_reply;
 
-/// Kinds of commands. One kind does not wait for another.
+/// Kinds of commands. A command does not wait for commands of another kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum CommandKind {
-    /// Lines for the board, which it takes one after the other.
+    /// Lines for the board, which takes one line after the other.
     Line,
-    /// Control characters without an answer, as those that stop a machine: they overtake everything.
+    /// Control characters without an answer, such as the ones that stop a machine: they overtake all other commands.
     Control,
     /// Control characters with an answer, which wait for the line under way.
     Query,
@@ -50,7 +50,7 @@ impl CommandKind {
         }
     }
 
-    /// How many the bus thread has at a time: enough to keep it busy.
+    /// How many commands of this kind the bus thread has at a time: enough to keep it busy.
     fn at_once(self) -> usize {
         match self {
             Self::Line => at_once::LINES,
@@ -69,12 +69,12 @@ impl CommandKind {
 pub(super) struct Turn {
     pub(super) ticket: Ticket,
     pub(super) command: Command,
-    /// What the audit log says of it once it is handed over.
+    /// The entry for the audit log, once the bus thread has got the command.
     pub(super) audit: Option<String>,
 }
 
 impl Turn {
-    /// Whether it waits while a command that was given up holds the port.
+    /// Whether the command waits while a given-up command holds the port.
     pub(super) fn is_for_port(&self) -> bool {
         matches!(CommandKind::of(&self.command), CommandKind::Line | CommandKind::Query)
     }
@@ -106,7 +106,7 @@ impl FairQueue {
         }
     }
 
-    /// Whether [`Self::next`] has one.
+    /// Whether [`Self::next`] has a command.
     pub(super) fn has_next(&self) -> bool {
         CommandKind::ALL.into_iter().any(|kind| self.may_go(kind))
     }
@@ -116,7 +116,7 @@ impl FairQueue {
         !lane.users.is_empty() && lane.handed < kind.at_once()
     }
 
-    /// The next command to hand over. It counts as the bus thread's until [`Self::over`].
+    /// The next command for the bus thread. The command counts as the bus thread's until [`Self::over`].
     pub(super) fn next(&mut self) -> Option<Turn> {
         let kind = CommandKind::ALL.into_iter().find(|kind| self.may_go(*kind))?;
         let lane = &mut self.lanes[kind as usize];
@@ -130,8 +130,8 @@ impl FairQueue {
         Some(turn)
     }
 
-    /// The bus thread has answered the command, or did not get it. Until then the command counts, even if its caller was told
-    /// that the answer is late: so the bus thread never has more than it has room for.
+    /// The bus thread has answered the command, or did not get it. Until then the command counts, even if the server
+    /// has told the caller that the answer is late: so the bus thread never has more commands than it has room for.
     pub(super) fn over(&mut self, ticket: Ticket) {
         if let Some(kind) = self.handed.remove(&ticket) {
             self.lanes[kind as usize].handed -= 1;
@@ -144,7 +144,7 @@ impl FairQueue {
         waiting.sum::<usize>() + self.handed.len()
     }
 
-    /// Every line that waits and does not end a sequence, and every request of the panel.
+    /// Every waiting line that does not end a sequence, and every waiting request of the panel.
     pub(super) fn droppable(&self) -> Vec<Ticket> {
         let users = [CommandKind::Line, CommandKind::Panel]
             .into_iter()
@@ -157,13 +157,13 @@ impl FairQueue {
         users.flat_map(|(_, turns)| turns).filter(goes).map(|turn| turn.ticket).collect()
     }
 
-    /// Whether a command waits, so that nothing of it was sent.
+    /// Whether a command waits, so that the daemon has sent nothing of it.
     pub(super) fn waits(&self, ticket: Ticket) -> bool {
         let users = self.lanes.iter().flat_map(|lane| &lane.users);
         users.flat_map(|(_, turns)| turns).any(|turn| turn.ticket == ticket)
     }
 
-    /// Takes a command back; nothing when it does not wait (any more).
+    /// Takes a command back; nothing if it does not wait (any more).
     pub(super) fn take_back(&mut self, ticket: Ticket) -> Option<Turn> {
         let mut found = None;
         for lane in &mut self.lanes {

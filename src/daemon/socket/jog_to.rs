@@ -1,7 +1,7 @@
-//! A jog to a position: what a call asks for, and the command line that does it.
+//! A jog to a position: the client's request, and the command line for the board.
 //!
-//! The control panel has no key for it, so it goes by command line: `#nJ={constant}`. The address that `#n` changes is everybody's
-//! (User Manual p. 29), so the line puts it back.
+//! The control panel has no request for such a jog, so the daemon sends a command line: `#nJ={constant}`. `#n` changes
+//! the motor that every sender addresses (User Manual p. 29), so the line addresses the earlier motor again.
 
 use std::time::{Duration, Instant};
 
@@ -10,27 +10,27 @@ use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, Text};
 use crate::map::{Family, Motors};
 use crate::protocol::{CallError, calls};
 
-/// How long the question and the line may take together.
+/// How long the daemon's question and the line may take together.
 const TIMEOUT: Duration = DEFAULT_TIMEOUT;
-/// As far as PMAC's software limits go: 2^35 counts (Software Reference p. 72).
+/// The limit of PMAC's software limits: 2^35 counts (Software Reference p. 72).
 const FARTHEST: f64 = 34_359_738_368.0;
 
-/// What is asked for.
+/// A client's request.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JogTo {
     /// The motor, from 1 on.
     motor: u32,
-    /// Where to, in counts.
+    /// The position to reach, in counts.
     position: f64,
-    /// The motor that is addressed, once the board has said so.
+    /// The motor that the board addresses, once the board has told it.
     pub(super) addressed: Option<u32>,
 }
 
 impl JogTo {
-    /// What `call` asks for.
+    /// The request that `call` makes.
     ///
     /// # Errors
-    /// When `family` has no such motor, or motors do not count so far.
+    /// `family` has no such motor, or a motor does not count so far.
     pub(super) fn of(call: &calls::JogTo, family: &Family) -> Result<Self, CallError> {
         check_number(call.motor, family.motors, "motor")?;
         if call.position.is_nan() || call.position.abs() >= FARTHEST {
@@ -43,17 +43,18 @@ impl JogTo {
         Ok(Self { motor, position: call.position, addressed: None })
     }
 
-    /// When it is given up if it begins `now`.
+    /// When the daemon gives up a jog that begins `now`.
     pub(super) fn deadline(now: Instant) -> Instant {
         now + TIMEOUT
     }
 
-    /// Its motor, as a set of one.
+    /// The motor, as a set of one.
     pub(super) const fn motors(self) -> Motors {
         Motors::of(self.motor as usize)
     }
 
-    /// The line that does it and then addresses the motor again that was addressed before; `None`: the board has not said which.
+    /// The line that jogs the motor and then addresses the earlier motor again; `None` until the board has told which
+    /// motor it addresses.
     pub(super) fn line(self) -> Option<Text<LINE_MAX>> {
         let Self { motor, position, addressed } = self;
         addressed.map(|addressed| Text::of(&format_args!("#{motor}J={}#{addressed}", constant(position))))

@@ -1,5 +1,5 @@
-//! The command socket's place in the file system: made with its mode and group complete, taken over from a dead daemon,
-//! never from a living one, removed at the end.
+//! The command socket's place in the file system. The daemon makes the socket's file with mode and group complete,
+//! takes the place over from a dead daemon but never from a living one, and removes the file at the end.
 
 use std::fs::DirBuilder;
 use std::io;
@@ -19,14 +19,14 @@ use crate::process::path_of;
 use crate::protocol::transport::connect;
 use crate::segment::{FileId, file_at};
 
-/// The mode of a directory that is made for the socket.
+/// The mode of a directory that the daemon makes for the socket.
 pub const DIRECTORY_MODE: u32 = 0o755;
 
 /// The socket cannot be put in its place.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ListenError {
-    /// A living daemon answers there.
+    /// A living daemon answers at the path.
     #[error("{0}: another daemon serves this socket; stop it, or choose another --name or --socket")]
     Served(PathBuf),
     /// The path is not a socket, so it is not deleted.
@@ -37,22 +37,22 @@ pub enum ListenError {
     Group {
         /// The socket.
         path: PathBuf,
-        /// Why.
+        /// The fault of the group.
         source: PolicyError,
     },
     /// The file system or the kernel refused.
     #[error("{path}: {action}: {source}")]
     Io {
-        /// The socket.
+        /// The socket's path.
         path: PathBuf,
-        /// What was tried.
+        /// The daemon's action that failed.
         action: &'static str,
-        /// What the kernel said.
+        /// The kernel's error.
         source: io::Error,
     },
 }
 
-/// A listening socket, and the file that goes when it goes.
+/// A listening socket, and its file, which the daemon removes together with the socket.
 #[derive(Debug)]
 pub struct Listener {
     socket: UnixListener,
@@ -68,7 +68,7 @@ struct OwnFile {
 }
 
 impl OwnFile {
-    /// Whether its path still leads to it. While the socket listens, no other file gets its number.
+    /// Whether the path still leads to this file. While the socket listens, the kernel gives no other file its number.
     fn is_in_place(&self) -> bool {
         file_at(&self.path) == Some(self.made)
     }
@@ -76,26 +76,27 @@ impl OwnFile {
 
 impl Drop for OwnFile {
     fn drop(&mut self) {
-        // Only while it is still the file we made: a successor may have put its own there.
+        // Removes only the daemon's own file: a successor may have put another file at the path.
         if self.is_in_place() {
             let _ = std::fs::remove_file(&self.path);
         }
     }
 }
 
-/// A directory beside the socket's place, of this user alone, in which the socket is made: nobody finds it with the wrong
-/// mode or group, and a dead daemon's file goes in the step that moves it into place.
+/// A directory beside the socket's place, which only this user may enter. The daemon makes the socket in this
+/// directory, so nobody finds the socket with the wrong mode or group. The move into place replaces a dead daemon's
+/// file in one step.
 ///
-/// Its descriptor leads into it, not its name. Whoever may write to the directory around it could put a link under any
-/// name there, and would have root change the mode of a file of his choice.
+/// The daemon reaches the directory by its descriptor, not by its name. A user who may write to the parent directory
+/// could put a link under any name there, and so have root change the mode of a file of that user's choice.
 struct Workshop {
     name: PathBuf,
     directory: OwnedFd,
 }
 
-/// What the socket is called in there.
+/// The socket's name in that directory.
 const SOCKET: &str = "s";
-/// How many names are tried: one that a dead process of this number left is passed over.
+/// How many names the daemon tries: it passes over a name that a dead process of the same number has left.
 const NAMES: u32 = 16;
 
 impl Workshop {
@@ -131,10 +132,10 @@ impl Workshop {
         path_of(self.directory.as_fd()).join(SOCKET)
     }
 
-    /// Sets mode and group; tells which file it is.
+    /// Sets the socket's mode and group; returns the file's identity.
     fn finish(&self, mode: u32, group: Option<Gid>) -> io::Result<FileId> {
         let made = self.socket().symlink_metadata()?;
-        // A service may be forbidden the call that it does not need.
+        // A service may be forbidden this call, so the daemon makes it only if the group differs.
         if let Some(group) = group.filter(|group| group.as_raw() != made.gid()) {
             fchownat(&self.directory, SOCKET, None, Some(group), AtFlags::AT_SYMLINK_NOFOLLOW)?;
         }
@@ -155,12 +156,12 @@ impl Drop for Workshop {
 }
 
 impl Listener {
-    /// Listens at `path` with the given mode and, when named, group. A socket that a dead daemon left is replaced.
+    /// Listens at `path` with the given mode and, when named, group. Replaces a socket that a dead daemon has left.
     ///
-    /// Two daemons that start at once are kept apart by the segment's lock, which a daemon takes before this.
+    /// The segment's lock keeps two daemons apart that start at once: each takes the lock before this call.
     ///
     /// # Errors
-    /// [`ListenError`]; whatever lay at `path` is then untouched.
+    /// [`ListenError`]; the daemon has then left the file at `path` alone.
     pub fn bind(path: &Path, mode: u32, group: Option<&str>) -> Result<Self, ListenError> {
         let fault = |action| move |source| ListenError::Io { path: path.to_owned(), action, source };
         match path.symlink_metadata() {
@@ -170,7 +171,7 @@ impl Listener {
             Ok(_) => match connect(path, Instant::now()) {
                 Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {}
                 Ok(_) => return Err(ListenError::Served(path.to_owned())),
-                // Its backlog is full: a daemon that is stopped, but lives.
+                // The backlog is full: the daemon there is stopped, but lives.
                 Err(error) if error.kind() == io::ErrorKind::TimedOut => {
                     return Err(ListenError::Served(path.to_owned()));
                 }
@@ -190,18 +191,19 @@ impl Listener {
         Ok(Self { socket, file: Some(file) })
     }
 
-    /// Listens anew, in a file made again, if its path no longer leads to its file: anybody with the right to the directory may have
-    /// removed, renamed or replaced it. To be called now and then, when nobody waits to be accepted.
+    /// Makes the socket's file again, and listens there, if the path no longer leads to the file: anybody with the
+    /// right to the directory may have removed, renamed or replaced the file. The server calls this now and then, when
+    /// no connection waits.
     ///
     /// # Errors
-    /// As [`Listener::bind`]; this one goes on to listen.
+    /// As [`Listener::bind`]; the old socket then goes on listening.
     pub(super) fn keep(&mut self) -> Result<(), ListenError> {
         let Some(OwnFile { path, mode, group, .. }) = self.file.as_ref().filter(|file| !file.is_in_place())
         else {
             return Ok(());
         };
         if let Some(directory) = path.parent() {
-            // It may have gone with its directory. Where that cannot be made, the next step says why.
+            // The directory may be gone, too. If the daemon cannot make it, the next step says why.
             let _ = DirBuilder::new().mode(DIRECTORY_MODE).create(directory);
         }
         let made = Self::bind(path, *mode, group.as_deref())?;
@@ -213,13 +215,13 @@ impl Listener {
     /// Takes a listening socket that the service manager made and will remove.
     ///
     /// # Errors
-    /// When it cannot be made non-blocking.
+    /// The kernel does not make the socket non-blocking.
     pub fn inherited(socket: UnixListener) -> io::Result<Self> {
         socket.set_nonblocking(true)?;
         Ok(Self { socket, file: None })
     }
 
-    /// Where it listens, when it made the file itself.
+    /// The socket's path, if the daemon has made the file itself.
     #[must_use]
     pub fn path(&self) -> Option<&Path> {
         self.file.as_ref().map(|file| file.path.as_path())
@@ -267,7 +269,7 @@ mod tests {
         drop(UnixListener::bind(&path).unwrap());
         let first = Listener::bind(&path, 0o600, None).unwrap();
         assert!(matches!(Listener::bind(&path, 0o600, None), Err(ListenError::Served(_))));
-        // Somebody replaces the file: it is no longer the first one's to remove.
+        // Somebody replaces the file: the first listener may no longer remove it.
         std::fs::remove_file(&path).unwrap();
         let second = Listener::bind(&path, 0o600, None).unwrap();
         drop(first);
@@ -288,7 +290,7 @@ mod tests {
         assert!(matches!(Listener::bind(&link, 0o600, None), Err(ListenError::Foreign(_))));
     }
 
-    /// As root did before, for whoever owned the directory.
+    /// Root once changed such a mode for the directory's owner.
     #[test]
     fn the_mode_of_nothing_else_is_set_whatever_is_put_in_the_way() {
         let directory = tempfile::tempdir().unwrap();
@@ -304,7 +306,7 @@ mod tests {
         workshop.finish(0o666, None).unwrap();
         workshop.move_to(&path).unwrap();
         assert_eq!((mode(&trap.join(SOCKET)), mode(&path)), (0o600, 0o666));
-        // A directory that others may enter is none to work in.
+        // The daemon does not work in a directory that others may enter.
         let opened = directory.path().join(format!("x.{}.0", std::process::id()));
         std::fs::create_dir(&opened).unwrap();
         assert_ne!(Workshop::beside(&directory.path().join("x")).unwrap().name, opened);

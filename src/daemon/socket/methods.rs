@@ -64,7 +64,7 @@ pub enum Ask {
     Read {
         /// The first word.
         first: HostOffset,
-        /// How many, 1 to [`READ_MAX`].
+        /// How many words, 1 to [`READ_MAX`].
         count: usize,
     },
     /// Have one of the other functions do something.
@@ -179,7 +179,7 @@ impl Action {
 struct Method {
     name: &'static str,
     role: Role,
-    /// The function of the board that the method needs, if any.
+    /// The board's function that the method needs, if it needs any.
     function: Option<Function>,
     /// Gives the action of a call.
     parse: fn(&Call, &Info) -> Result<Action, CallError>,
@@ -337,7 +337,7 @@ fn streams(call: &Call, action: Action) -> Result<Action, CallError> {
 /// The action of `call` by a caller of `role`; operators may send `characters`.
 ///
 /// # Errors
-/// The answer instead.
+/// The reply to the client, if the daemon refuses the call.
 pub fn parse_call(call: &Call, role: Role, characters: Characters, info: &Info) -> Result<Action, CallError> {
     let Some((interface, name)) = call.interface_and_method() else {
         return Err(CallError::invalid("method", "an interface and a method, with a dot between"));

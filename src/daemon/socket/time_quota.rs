@@ -1,7 +1,8 @@
-//! How long each user is served in a round, so that one user's many connections do not make the others wait.
+//! How long the server serves each user in a round, so that one user's many connections do not make other users wait.
 //!
-//! A round serves every user's connections in turn, each user's for a share of time at most; where it left off, the
-//! next round goes on. A round is short, however many the users are: whoever could not be served in it is the first in the next one.
+//! A round serves every user's connections in turn, each user's for a share of time at most. The next round goes on at
+//! the connection where the share ran out. A round is short, however many users there are: the next round first serves
+//! the users for whom this one had no time.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -10,16 +11,16 @@ use nix::unistd::Uid;
 
 /// A user's time in a round. The last call may run over it.
 const SHARE: Duration = Duration::from_millis(4);
-/// After this time a round serves only those who may stop the machine, so that these wait little longer than this for the next
-/// round. The last call may run over it.
+/// After this time a round serves only clients that may stop the machine, so that such a client waits little longer for
+/// the next round. The last call may run over this time.
 const ROUND: Duration = Duration::from_millis(8);
-/// The most users whose last round is remembered.
+/// For how many users the server remembers the last round.
 const REMEMBERED: usize = 1024;
 
 #[derive(Debug, Default)]
 struct Share {
     used: Duration,
-    /// The first connection that was not served because the time was over.
+    /// The first connection that the server did not serve because the time was over.
     resume: Option<u64>,
 }
 
@@ -31,7 +32,7 @@ pub(super) struct TimeQuotas {
     /// The time used in this round, and its number.
     spent: Duration,
     round: u64,
-    /// The last round in which each user was served.
+    /// The last round in which the server served each user.
     served: HashMap<Uid, u64>,
 }
 
@@ -47,18 +48,18 @@ impl TimeQuotas {
         self.resumed.extend(self.users.drain().filter_map(|(user, share)| Some((user, share.resume?))));
     }
 
-    /// Whether `connection` was served in the last round before the time of `user` was over. It comes later in this one.
+    /// Whether the last round served `connection` before the time of `user` was over. This round then serves it later.
     pub(super) fn comes_later(&self, user: Uid, connection: u64) -> bool {
         self.resumed.get(&user).is_some_and(|resume| connection < *resume)
     }
 
-    /// The last round in which `user` was served; 0 if it is not remembered.
+    /// The last round that served `user`; 0 if the server does not remember it.
     pub(super) fn last_served(&self, user: Uid) -> u64 {
         self.served.get(&user).copied().unwrap_or(0)
     }
 
-    /// Whether `user` has time left for `connection`, in a round that is not over or since it `is_urgent`; if not, the user's
-    /// next one begins with it.
+    /// Whether `user` has time left for `connection`. An `is_urgent` connection gets time even after the end of the
+    /// round. If no time is left, the user's next round begins with `connection`.
     pub(super) fn has_time(&mut self, user: Uid, connection: u64, is_urgent: bool) -> bool {
         let share = self.users.entry(user).or_default();
         let has_time = share.used < SHARE && (is_urgent || self.spent < ROUND);
@@ -68,7 +69,7 @@ impl TimeQuotas {
         has_time
     }
 
-    /// `user` was served for so long.
+    /// The server has served `user` for this `time`.
     pub(super) fn used(&mut self, user: Uid, time: Duration) {
         self.users.entry(user).or_default().used += time;
         self.spent += time;
@@ -80,7 +81,7 @@ impl TimeQuotas {
 mod tests {
     use super::*;
 
-    /// Serves the connections as the server does, `time` each; returns who was.
+    /// Serves the connections as the server does, `time` each; returns the connections served.
     fn round(shares: &mut TimeQuotas, mut connections: Vec<(Uid, u64)>, time: Duration) -> Vec<u64> {
         shares.begin_round();
         connections.sort_by_key(|(user, id)| (shares.last_served(*user), shares.comes_later(*user, *id)));

@@ -1,6 +1,6 @@
 //! Which client watches which registers. Clients that watch the same register share one entry of PMAC's table.
 //!
-//! Observers together get three quarters of the table, and none of them more than half.
+//! Observers together get three quarters of the table, and no observer more than half.
 
 use std::collections::{BTreeMap, HashSet};
 use std::time::{Duration, Instant};
@@ -11,7 +11,7 @@ use nix::unistd::Uid;
 use crate::daemon::shared::queue::{Outcome, Ticket};
 use crate::function::variable_read::VariableEntry;
 
-/// How long until a table that was not taken is tried again.
+/// How long the daemon waits before it sends a table again that the board did not take.
 const TABLE_AGAIN: Duration = Duration::from_secs(1);
 
 /// Entries that one observer can take.
@@ -24,16 +24,16 @@ const fn of_observers(room: usize) -> usize {
     room / 4 * 3
 }
 
-/// No entry is left.
+/// The table has no entry left.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub(super) enum NoneLeft {
-    /// For anybody.
+    /// For any client.
     #[error(
         "PMAC's table has room for {room} registers ([plan] variable_read_entries, at most 128); {used} are in use, {wanted} more are \
          wanted: close a watch, or watch fewer"
     )]
     Full { room: usize, used: usize, wanted: usize },
-    /// For one who may only look.
+    /// For a user who may only observe.
     #[error(
         "of the {room} registers that PMAC's table has room for, users who only observe get {} each and {} together: close a \
          watch, or watch fewer",
@@ -46,19 +46,19 @@ pub(super) enum NoneLeft {
 /// How far a watch is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Progress {
-    /// Its registers are not in the table that the bus thread has.
+    /// The client's registers are not in the table that the bus thread has.
     Wanted,
-    /// They are in the table that the bus thread is writing.
+    /// The registers are in the table that the bus thread is writing.
     UnderWay,
-    /// They are in the board's table, and the client has been told.
+    /// The registers are in the board's table, and the daemon has told the client.
     Told,
 }
 
-/// What one client watches.
+/// One client's registers.
 #[derive(Debug)]
 struct Watch {
     entries: Vec<VariableEntry>,
-    /// Its user, if he may only observe.
+    /// The client's user, if that user may only observe.
     observer: Option<Uid>,
     progress: Progress,
 }
@@ -77,14 +77,14 @@ pub(super) struct Watches {
     number: Option<u32>,
     /// The table that the bus thread is writing. The next one waits for it, so that fast changes do not fill the queue.
     under_way: Option<Ticket>,
-    /// The board did not take the last table: when to send it again.
+    /// When to send the table again, if the board did not take the last one.
     again: Option<Instant>,
-    /// The failure has been logged.
+    /// The log has an entry on the failure.
     is_logged: bool,
 }
 
 impl Watches {
-    /// Nobody's registers, in a table of `room` entries.
+    /// No registers yet, in a table of `room` entries.
     pub(super) fn new(room: usize) -> Self {
         Self {
             room,
@@ -98,12 +98,12 @@ impl Watches {
         }
     }
 
-    /// `client` watches `entries` instead of what it watched before; `observer` is its user if he may only observe. Returns
-    /// the number of the board's table if that has them all already. Otherwise [`Self::taken`] or [`Self::failed`] names
-    /// the client later.
+    /// `client` watches `entries` in place of its earlier registers; `observer` is the client's user if that user may
+    /// only observe. Returns the number of the board's table if the table has all entries already. Otherwise
+    /// [`Self::taken`] or [`Self::failed`] names the client later.
     ///
     /// # Errors
-    /// When there are not enough entries left; nothing is changed then.
+    /// The table has too few entries left; this changes nothing then.
     pub(super) fn watch(
         &mut self,
         client: u64,
@@ -146,7 +146,7 @@ impl Watches {
         self.clients.get(&client).map_or(0, |watch| watch.entries.len())
     }
 
-    /// Different registers that the clients of `those` watch.
+    /// How many different registers the clients watch whose observer is one of `those`.
     fn count(&self, those: impl Fn(Option<Uid>) -> bool) -> usize {
         let watches = self.clients.values().filter(|watch| those(watch.observer));
         watches.flat_map(|watch| &watch.entries).collect::<HashSet<_>>().len()
@@ -160,23 +160,23 @@ impl Watches {
         }
     }
 
-    /// Registers that are watched.
+    /// How many registers the clients watch.
     pub(super) fn watched(&self) -> usize {
         self.table.len()
     }
 
-    /// The table for the bus thread, if it has changed since the last.
+    /// The table for the bus thread, if it has changed since the bus thread got the last one.
     pub(super) fn update(&self, now: Instant) -> Option<Vec<VariableEntry>> {
         let may_send = self.under_way.is_none() && self.again.is_none_or(|again| again <= now);
         (self.is_dirty && may_send).then(|| self.table.clone())
     }
 
-    /// When a table that was not taken is to be sent again.
+    /// When the daemon sends a table again that the board did not take.
     pub(super) fn next_try(&self) -> Option<Instant> {
         self.again
     }
 
-    /// The bus thread has the table, under `ticket`.
+    /// The bus thread has got the table, under `ticket`.
     pub(super) fn sent(&mut self, ticket: Ticket) {
         self.is_dirty = false;
         self.again = None;
@@ -186,7 +186,7 @@ impl Watches {
         }
     }
 
-    /// The board has the table that was sent under `ticket`, as number `table`. Returns the clients to tell.
+    /// The board has taken the table of `ticket`, as number `table`. Returns the clients to tell.
     pub(super) fn taken(&mut self, ticket: Ticket, table: u32) -> Vec<u64> {
         if self.under_way != Some(ticket) {
             return Vec::new();
@@ -205,7 +205,8 @@ impl Watches {
             .collect()
     }
 
-    /// If `ticket` was that of a table, the board did not take it. Returns the clients that waited for it; they watch nothing.
+    /// If `ticket` is a table's, the board did not take that table. Returns the clients that waited for it; these watch
+    /// nothing any more.
     pub(super) fn failed(&mut self, ticket: Ticket, outcome: Outcome, now: Instant) -> Vec<u64> {
         if self.under_way != Some(ticket) {
             return Vec::new();
@@ -223,12 +224,12 @@ impl Watches {
         }
         let was_dirty = std::mem::replace(&mut self.is_dirty, true);
         self.table = self.merged();
-        // A newer table may be sent at once.
+        // The daemon may send a newer table at once.
         self.again = (!was_dirty).then_some(now + TABLE_AGAIN);
         waiting
     }
 
-    /// Every watched register once. Those that stay keep their place, so that a change rewrites few entries.
+    /// Every watched register once. Registers that stay keep their place, so that a change rewrites few entries.
     fn merged(&self) -> Vec<VariableEntry> {
         let mut missing: HashSet<VariableEntry> = self.entries().copied().collect();
         let mut table = self.table.clone();
@@ -332,7 +333,7 @@ mod tests {
         assert_eq!(watches.update(now + TABLE_AGAIN), Some(entries(0..2)));
         watches.sent(Ticket(3));
         assert_eq!(watches.next_try(), None);
-        // A newer one is not held up by what became of the one before.
+        // The failure of the earlier table does not delay a newer one.
         watches.watch(1, entries(0..3), None).unwrap();
         assert!(watches.failed(Ticket(3), refused, now).is_empty());
         assert_eq!(watches.update(now), Some(entries(0..3)));
