@@ -1,4 +1,4 @@
-//! How long the end of a sequence tries again what was certainly not sent.
+//! How long the end of a sequence repeats steps that the daemon has certainly not sent.
 
 use std::time::{Duration, Instant};
 
@@ -8,9 +8,11 @@ use crate::daemon::shared::queue::Outcome;
 use crate::protocol::{CallError, Reply};
 
 const TRY_AGAIN: Duration = Duration::from_millis(250);
-/// What an open program buffer keeps back is tried on, less often, until the buffer is closed.
+/// The pause between tries once an open program buffer keeps the end back. The daemon then tries until the buffer is
+/// closed.
 const TRY_AGAIN_LATER: Duration = Duration::from_secs(1);
-/// When the owner is told of that: before another sequence of his lapses because he waits for this end.
+/// When the daemon tells the owner that a buffer keeps the end back: before another sequence of the same owner lapses
+/// because the owner waits for this end.
 const KEPT_BACK_AFTER: Duration = Duration::from_secs(2);
 
 /// The attempts of one end.
@@ -24,13 +26,14 @@ pub(super) struct EndRetry {
 }
 
 impl EndRetry {
-    /// An end that tries for so long. `may_last`: it waits longer for an open program buffer.
+    /// The retries of an end, with this `patience`. `may_last`: the end waits longer for an open program buffer.
     pub(super) const fn new(patience: Duration, may_last: bool) -> Self {
         Self { patience, may_last, begun: None, is_kept_back: false, is_told: false }
     }
 
-    /// Rests until a step is to be tried again that came out so. False, and at once, where it is not tried again. An owner whose end is
-    /// kept back hears its `result` as it is by now, and `unfinished` says what is left.
+    /// Rests until the next try of the step that had this `outcome`. Returns false at once if the end does not try the
+    /// step again. If a buffer keeps the end back, the owner hears the `result` so far; `unfinished` names the rest of
+    /// the end.
     pub(super) async fn rests(
         &mut self,
         io: &Io,
@@ -50,7 +53,7 @@ impl EndRetry {
         true
     }
 
-    /// When to try again the step that came out so; `None` when no more.
+    /// When to try the step with this `outcome` again; `None` if the end gives it up.
     fn again(&mut self, outcome: Outcome, now: Instant) -> Option<Instant> {
         let may_last = self.may_last && matches!(outcome, Outcome::Barred(_));
         let patience = if may_last { self.patience.min(KEPT_BACK_AFTER) } else { self.patience };
@@ -66,18 +69,20 @@ impl EndRetry {
         self.is_kept_back
     }
 
-    /// Whether the owner is to be told so now: he does not wait for what may take long.
+    /// Whether to tell the owner now that a buffer keeps the end back: the owner must not wait for an end that may take
+    /// long.
     fn tells_now(&mut self) -> bool {
         self.is_kept_back && !std::mem::replace(&mut self.is_told, true)
     }
 }
 
-/// What is said of a variable that is not put back, because somebody else has set it to what was found.
+/// The note on a variable that the end does not put back, because another sender has set it to the value `found`.
 pub(super) fn was_set_meanwhile(name: &str, found: &str) -> String {
     format!("somebody else has set {name} to {found} meanwhile; it stays {found}")
 }
 
-/// What is said of a variable that an open program buffer keeps as a sequence of this kind has set it.
+/// The note on a variable whose end waits for an open program buffer: the variable still has the value that a sequence
+/// of this `kind` has set.
 pub(super) fn is_kept_back(name: &str, ours: &str, old: &str, kind: &str) -> String {
     format!(
         "{name} is {ours} by a {kind} that has ended; pmacd sets it to {old} again when the open program buffer is closed"

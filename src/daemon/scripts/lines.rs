@@ -57,7 +57,7 @@ impl Batch {
         self.lines.iter().chain(self.at_end.iter().flatten())
     }
 
-    /// The kind of its sequence: `download`.
+    /// The kind of the batch's sequence: `download`.
     pub fn kind(&self) -> &str {
         &self.kind
     }
@@ -132,26 +132,26 @@ struct Lines {
     /// The board has refused the line that was to open the buffer. The error may come from a later command of the line:
     /// the buffer counts as open until the board tells.
     open_refused: bool,
-    /// Lines are left out up to the next that opens or closes a buffer: theirs was not opened.
+    /// The daemon leaves out the lines up to the next that opens or closes a buffer: the board did not open theirs.
     leaves_out: bool,
     /// Lines that the open buffer has taken.
     entered: u64,
     /// A line has failed.
     failed: bool,
-    /// And a reset may be why: the board has not said itself that it refuses the line, or has no buffer open for it.
+    /// A reset may be the cause: the board has neither refused the line itself nor said that no buffer is open for it.
     is_unexplained: bool,
-    /// The resets that the first check told of that was answered; `None` before it.
+    /// The number of resets that the first answered check told; `None` before it.
     resets: Option<u64>,
-    /// No check is made any more: its own line has reset the board.
+    /// The sequence's own line has reset the board: the daemon checks no more.
     has_reset: bool,
     /// The lines sent at the last check, if there was one, and the doubts then.
     checked: Option<u64>,
     doubts: u64,
-    /// The doubts that came with the last answer.
+    /// The doubts at the last answer.
     doubts_now: u64,
     /// The board was reset, or may have been.
     reset: Option<LineFailure>,
-    /// A buffer that its lines opened, and what became of it but for a reset.
+    /// A buffer that the sequence's lines opened, and the note on its end, except for a reset.
     buffer_left: Option<(String, String)>,
     put_back: PutBack,
 }
@@ -168,7 +168,7 @@ pub fn lines(mut batch: Batch) -> Script {
 }
 
 impl Lines {
-    /// Sends the lines of batch after batch, until the last one is done, a line has failed, or an end comes.
+    /// Sends the lines of batch after batch, until the last line is done, a line has failed, or the sequence ends.
     ///
     /// # Errors
     /// Why the sequence cannot begin.
@@ -211,7 +211,7 @@ impl Lines {
         Ok(())
     }
 
-    /// Rests until the owner sends more lines, or an end comes.
+    /// Rests until the owner sends more lines, or the sequence ends.
     async fn next_batch(&mut self) {
         if let Some(Asked::Lines(mut batch)) = self.io.asked().await {
             if let Some(lines) = batch.at_end.take() {
@@ -227,7 +227,7 @@ impl Lines {
     /// Why the sequence cannot begin.
     async fn check(&mut self) -> Result<(), CallError> {
         let done = self.io.check().await;
-        // Who stops all motion means the line after the check as well.
+        // The user who stops all motion also means the line after the check.
         if let Outcome::Dropped(_) = done.outcome
             && let Some(line) = self.batch.lines.pop_front()
         {
@@ -238,7 +238,7 @@ impl Lines {
         self.check_done(done).map_or(Ok(()), Err)
     }
 
-    /// The board has answered the line under way, or not.
+    /// The board has answered the line under way, or has failed to.
     fn line_done(&mut self, line: Line, done: Done) -> Reply {
         let number = self.number;
         self.number += 1;
@@ -300,7 +300,7 @@ impl Lines {
         })
     }
 
-    /// The next line is not sent.
+    /// Leaves out the next line.
     async fn leave_out(&mut self, message: String) {
         let failure = LineFailure { outcome: LineOutcome::NotSent, code: None, message };
         self.number += 1;
@@ -313,14 +313,14 @@ impl Lines {
         self.io.tell(told).await;
     }
 
-    /// Whether the board is to be asked now if it was reset.
+    /// Whether to ask the board now if it was reset.
     fn check_is_due(&self) -> bool {
         let is_due = self.checked.is_none_or(|checked| self.number >= checked + CHECK_EVERY)
             || self.doubts_now != self.doubts;
         is_due && !self.has_reset && !self.buffer.is_open() && !self.batch.lines.is_empty()
     }
 
-    /// A check has been made. The refusal of a sequence that cannot begin.
+    /// Takes the outcome of a check. Returns the refusal if the sequence cannot begin.
     fn check_done(&mut self, done: Done) -> Option<CallError> {
         let checked = self.checked.replace(self.number).unwrap_or(0);
         let has_doubts = std::mem::replace(&mut self.doubts, done.doubts) != done.doubts;
@@ -331,7 +331,7 @@ impl Lines {
             self.resets = done.result.is_ok().then_some(done.resets);
             return done.result.err().filter(|_| is_barred);
         };
-        // Who could not be asked may have been reset.
+        // A board that could not be asked may have been reset.
         let is_unknown = has_doubts && done.result.is_err();
         if done.resets != resets || is_unknown {
             let may = if is_unknown { "may have been" } else { "was" };
@@ -350,7 +350,7 @@ impl Lines {
         None
     }
 
-    /// The end: `CLOSE`, if a buffer is open, the last check, and what is put back.
+    /// The end: `CLOSE` if a buffer is open, the last check, and the lines that put variables back.
     async fn end(mut self) -> Result<Reply, CallError> {
         self.io.begin_end();
         self.close().await;
@@ -369,7 +369,7 @@ impl Lines {
         Ok(self.result(self.put_back.notes()))
     }
 
-    /// Closes the buffer that its lines have opened.
+    /// Closes the buffer that the sequence's lines have opened.
     async fn close(&mut self) {
         for tries in 1..=CLOSE_TRIES {
             if !self.buffer.is_open() && !self.buffer.has_binary() {
@@ -385,7 +385,7 @@ impl Lines {
         }
     }
 
-    /// `CLOSE` has been answered, or not.
+    /// Notes the buffer's end: the board has answered `CLOSE`, or has failed to.
     fn closed(&mut self, done: &Done) {
         let is_cut_short = self.failed || self.io.is_ended();
         let open_refused = self.open_refused;
@@ -404,7 +404,7 @@ impl Lines {
         });
     }
 
-    /// What the owner is told in the end.
+    /// The owner's reply in the end.
     fn result(&self, mut notes: Vec<String>) -> Reply {
         notes.extend(self.io.unfinished());
         notes.iter().for_each(|note| warn!("the end of a {}: {note}", self.kind));
@@ -420,7 +420,8 @@ impl Lines {
         })
     }
 
-    /// Its buffer is not open any more, or nothing can be done about it. `note` says so of its name and the lines that entered.
+    /// The sequence's buffer is no longer open, or the daemon can do no more about it. `note` makes the note of the
+    /// buffer's name and the number of its lines.
     fn leave_buffer(&mut self, note: impl FnOnce(&str, u64) -> String) {
         let name = self.buffer.opened().map_or(String::new(), |opened| opened.name.to_string());
         let note = note(&name, self.entered);
@@ -430,18 +431,18 @@ impl Lines {
     }
 }
 
-/// What is said of a buffer that somebody else has closed: `by` him, where that is known.
+/// The note on a buffer that another sender has closed: `by`, if the daemon knows the sender.
 fn closed_by_others(name: &str, entered: u64, by: Option<&str>) -> String {
     let by = by.map_or_else(String::new, |by| format!(" ({by})"));
     format!("{name}, which it opened, was closed by somebody else{by}: {entered} lines entered it")
 }
 
-/// What is said of a buffer that the board has not opened, and of which no line was sent.
+/// The note on a buffer that the board has not opened, and for which the daemon has sent no line.
 fn not_opened(name: &str) -> String {
     format!("{name} was not opened")
 }
 
-/// What a step's failure means for its line.
+/// The meaning of a step's failure for its line.
 fn failure_of(outcome: Outcome, error: &CallError) -> LineFailure {
     let (outcome, code) = match outcome {
         Outcome::Error(code) => (LineOutcome::Refused, Some(code)),

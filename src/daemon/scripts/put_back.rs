@@ -91,7 +91,7 @@ impl PutBack {
         Self { entries, notes: Vec::new() }
     }
 
-    /// The same end, as a later call names it.
+    /// The lines for the same end in a later call.
     pub(super) fn renewed(&mut self, lines: VecDeque<Line>) {
         let mut old = std::mem::take(&mut self.entries);
         self.entries = lines.into_iter().map(Entry::new).collect();
@@ -125,7 +125,8 @@ impl PutBack {
         }
     }
 
-    /// Carries the lines out, for a sequence of this kind, whose owner is told `result` of the notes so far if that takes long.
+    /// Carries the lines out, for a sequence of this `kind`. If that takes long, the owner hears the `result` of the
+    /// notes so far.
     pub(super) async fn carry_out(
         &mut self,
         io: &Io,

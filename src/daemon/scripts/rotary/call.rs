@@ -1,4 +1,4 @@
-//! A rotary stream as it was called for.
+//! The client's request for a rotary stream.
 
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::job::Job;
@@ -8,7 +8,7 @@ use crate::protocol::CallError;
 use crate::protocol::calls::{self, LeftLines};
 use crate::rotary;
 
-/// A stream as it was called for.
+/// A client's request for a stream.
 #[derive(Debug)]
 pub struct RotaryCall {
     pub(super) family: &'static Family,
@@ -21,7 +21,7 @@ pub struct RotaryCall {
     pub(super) left: Option<LeftLines>,
     pub(super) run: bool,
     pub(super) may_stand: bool,
-    /// ABS, INC and FRAX, which go before the buffers are opened.
+    /// ABS, INC and FRAX lines, which the daemon sends before it opens the buffers.
     pub(super) modes: Vec<String>,
 }
 
@@ -29,10 +29,10 @@ pub struct RotaryCall {
 const MODES: usize = 16;
 
 impl RotaryCall {
-    /// What `call` asks for.
+    /// The request that `call` makes.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// The fault in the call.
     pub fn of(call: calls::RotaryStart, info: &Info) -> Result<Self, CallError> {
         let family = info.family();
         let buffer = rotary_buffer(call.buffer, family)?;
@@ -56,7 +56,7 @@ impl RotaryCall {
     }
 }
 
-/// The job that sets the rotary buffer at index `buffer` up.
+/// The job that sets up the rotary buffer at index `buffer`.
 fn set_up(call: &calls::RotaryStart, buffer: usize, family: &Family) -> Result<Job, CallError> {
     check_number(call.coordinate_system.into(), family.coordinate_systems, "coordinate_system")?;
     if call.coordinate_system_base > 1 {

@@ -1,35 +1,36 @@
-//! Compares what the board counts in its own rotary buffer with what it took out of the DPRAM.
+//! Compares the board's count of the lines in its own rotary buffer with the lines that it took out of the DPRAM.
 //!
-//! `PR` counts the program lines between the one that is executed and the last one (Software Reference, `PR`; Turbo Software
-//! Reference p. 286). As long as nothing is executed that is all that was taken. A board that counted otherwise would have `R`
-//! refused; then stream without `--run`, look, and send `R`. A board that reads the headers
-//! at another stride, or counts coordinate systems from another number, puts the lines into another buffer, and without this
-//! nothing would tell: `R` would run a program that is not there, and the lines would run where nobody looks.
+//! `PR` counts the program lines between the line that the board executes and the last one (Software Reference, `PR`;
+//! Turbo Software Reference p. 286). While the board executes nothing, that is every line that it took. A board that
+//! reads the headers at another stride, or counts coordinate systems from another number, puts the lines into another
+//! buffer. Without this comparison nobody would notice: `R` would run a program that is not there, and the lines would
+//! run where nobody looks. If a board counts otherwise, the daemon refuses `R`; then stream without `--run`, look, and
+//! send `R`.
 //!
-//! The board may stop in the middle of a line, when its own buffer is full or the line is wrong. No text says whether `PR` counts
-//! that line, so both are right.
+//! The board may stop in the middle of a line, when its own buffer is full or the line is wrong. No manual says whether
+//! `PR` counts that line, so both counts are right.
 
 use crate::function::rotary::RotaryState;
 use crate::map::functions::rotary_header;
 use crate::protocol::{CallError, answer};
 
-/// What was put into the board's own rotary buffer.
+/// The contents of the board's own rotary buffer.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Count {
-    /// Lines that were there before the stream and stay.
+    /// Lines that were in the buffer before the stream, and stay.
     pub(super) kept: u64,
-    /// Lines that the board had taken when it was asked last.
+    /// Lines that the board had taken when the daemon asked last.
     taken: u64,
-    /// It had taken a part of one more.
+    /// The board had also taken a part of the next line.
     is_inside_line: bool,
     /// The error in the header's status.
     error: Option<u8>,
-    /// What `PR` said then.
+    /// The board's answer to `PR` at that time.
     pub(super) told: Option<u64>,
 }
 
 impl Count {
-    /// Takes how far the board is.
+    /// Takes the board's progress.
     pub(super) fn see(&mut self, state: RotaryState) {
         self.taken = state.sent_lines.saturating_sub(state.ahead_lines);
         (self.is_inside_line, self.error) = (state.is_inside_line, state.error);
@@ -40,15 +41,15 @@ impl Count {
         self.taken > 0
     }
 
-    /// Why the buffer cannot be the one that was fed, where nothing of it has been executed. `before` is the count of before
-    /// the board was asked: it takes lines meanwhile.
+    /// Why the buffer cannot be the buffer that the daemon fed, if the board has executed none of its lines. `before`
+    /// is the count from before the question: the board takes lines meanwhile.
     pub(super) fn doubt(&self, before: Self, cs: u8) -> Option<String> {
         let told = self.told?;
         let least = self.kept + before.taken;
         (!(least..=self.most()).contains(&told)).then(|| self.text(told, cs))
     }
 
-    /// The same where lines may have been executed: only too many are a sign.
+    /// As [`Self::doubt`], if the board may have executed lines: only too many lines are a sign then.
     pub(super) fn surplus(&self, cs: u8) -> Option<String> {
         let told = self.told?;
         (told > self.most()).then(|| self.text(told, cs))

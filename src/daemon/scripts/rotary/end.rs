@@ -1,5 +1,5 @@
-//! The end of a rotary stream: the buffers closed, the program ended if it is not whole, and what is left in the buffers
-//! counted.
+//! The end of a rotary stream: closes the buffers, ends the program if it is not whole, and counts the lines left in
+//! the board's buffer.
 
 use std::time::Duration;
 
@@ -14,17 +14,17 @@ use crate::daemon::shared::queue::{Line, Outcome};
 use crate::protocol::board::RotaryStopReply;
 use crate::protocol::{CallError, Reply};
 
-/// How long the end tries what is known not to have been sent.
+/// How long the end repeats steps that the daemon has certainly not sent.
 const END_PATIENCE: Duration = Duration::from_secs(2);
-/// How often to look whether `Q` has ended the program, and how long between two looks.
+/// How often the daemon asks whether `Q` has ended the program, and the pause between two questions.
 const ENDED_LOOKS: u32 = 4;
 const ENDED_LOOK: Duration = Duration::from_millis(100);
 
 impl Rotary<'_> {
-    /// The end. What cannot be carried out is noted, and the end goes on.
+    /// The end. It notes a step that fails, and goes on.
     pub(super) async fn end(&mut self) -> Result<Reply, CallError> {
         if self.io.take_asked() || self.answer_by.is_some() {
-            // How it ended is for the owner's next call, `RotaryStop`.
+            // The owner's next call, `RotaryStop`, hears how the stream has ended.
             self.io.answer(Ok(Reply::done())).await;
         }
         let mut retry = EndRetry::new(END_PATIENCE, true);
@@ -40,7 +40,7 @@ impl Rotary<'_> {
         self.result()
     }
 
-    /// Closes the rotary buffers, ends the transfer, and takes the lines back that are not in the DPRAM yet.
+    /// Closes the rotary buffers, ends the transfer, and takes back the lines that are not in the DPRAM yet.
     async fn close(&mut self, retry: &mut EndRetry) {
         if self.opened {
             // Another buffer is open, so the rotary buffers are closed: one is open at a time.
@@ -62,7 +62,7 @@ impl Rotary<'_> {
         }
         if self.set_up {
             let buffer = self.call.buffer;
-            // A reset has taken the buffer, and with it the lines that waited.
+            // A reset has taken the buffer, and with it the waiting lines.
             let is_lost = |outcome| matches!(outcome, Outcome::Refused(_));
             let job = |job| Request::Job(Box::new(job));
             self.end_step(retry, job(Job::RotaryFinish(buffer)), is_lost).await;
@@ -80,7 +80,7 @@ impl Rotary<'_> {
         if self.is_whole() {
             self.runs |= runs != Some(false);
         } else if runs != Some(false) {
-            // What cannot be asked is ended all the same: Q starts nothing.
+            // If the board does not answer, the daemon sends Q all the same: Q starts nothing.
             self.send_quit(retry).await;
         }
     }
@@ -115,7 +115,8 @@ impl Rotary<'_> {
         self.is_running(&asked.result.ok()?, 0)
     }
 
-    /// Counts what is left in the board's own buffer, and compares that with what the board took.
+    /// Asks the board how many lines are left in its own buffer, and compares the number with the lines that the board
+    /// took.
     async fn count_left(&mut self, retry: &mut EndRetry) {
         let cs = self.call.coordinate_system;
         let asked = self.end_step(retry, line(&format!("&{cs}PR")), |_| false).await;
@@ -137,7 +138,8 @@ impl Rotary<'_> {
         }
     }
 
-    /// Has a step of the end done, again and again as long as it is certainly not sent, and that `is_final` is not said of it.
+    /// Carries out a step of the end, again and again while the daemon has certainly not sent it and its outcome is not
+    /// `is_final`.
     async fn end_step(
         &mut self,
         retry: &mut EndRetry,
@@ -154,7 +156,7 @@ impl Rotary<'_> {
         }
     }
 
-    /// What an open program buffer keeps back.
+    /// The part of the end that an open program buffer keeps back.
     fn unfinished(&self) -> Option<String> {
         let cs = self.call.coordinate_system;
         let program = if self.runs {
@@ -168,7 +170,7 @@ impl Rotary<'_> {
         ))
     }
 
-    /// What the owner is told in the end.
+    /// The owner's reply in the end.
     fn result(&mut self) -> Result<Reply, CallError> {
         let mut notes = std::mem::take(&mut self.notes);
         notes.extend(self.io.unfinished());
