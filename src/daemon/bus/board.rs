@@ -21,32 +21,32 @@ use crate::recording::Replies;
 /// The board's words, counted and traced.
 pub type BoardBus = Counted<Traced<Box<dyn device::Board>>>;
 
-/// Opens the board again, when its memory was replaced or its device came back.
+/// Opens the board again after its memory was replaced or its device came back.
 pub type OpenBus = Box<dyn FnMut() -> Result<OpenedBoard, OpenError> + Send>;
 
-/// What could not be opened, why, and what to do.
+/// Names the part that the daemon cannot open, the reason and the remedy.
 pub type OpenError = Box<dyn std::error::Error + Send + Sync>;
 
 /// The board, and how to open it again.
 pub struct Board {
-    /// A simulator of our own, which ends with this.
+    /// The daemon's own simulator, which ends with this value.
     pub simulator: Option<Simulator>,
     /// The board's words.
     pub bus: Box<dyn device::Board>,
-    /// Opens it again.
+    /// Opens the board again.
     pub open: OpenBus,
-    /// Its interrupt, if it may have one.
+    /// The board's interrupt, if the board may have one.
     pub interrupt: Option<InterruptLink>,
-    /// Of a replay, what the recording answers.
+    /// In a replay, the recording's replies.
     pub replies: Option<Arc<Replies>>,
 }
 
-/// Opens what `settings` name. Descriptors handed over by the service manager are used before nodes are opened. A replay plays in
-/// the time of `clock`.
+/// Opens the board that `settings` name. Uses descriptors from the service manager before it opens nodes. A replay
+/// plays in the time of `clock`.
 ///
 /// # Errors
-/// What could not be opened, why, and what to do. A UIO interrupt that was asked for and is not there is one of these;
-/// one that cannot be armed is not: replies are looked for instead.
+/// Names the part that the daemon cannot open, the reason and the remedy. A missing UIO interrupt is an error if the
+/// settings name it. An interrupt that cannot be armed is no error: the daemon then polls for replies.
 pub fn open(
     settings: &Settings,
     system: &System,
@@ -67,7 +67,7 @@ pub fn open(
         BoardSpec::Replay { directory, .. } => {
             let opened = ReplayBoard::open(directory, settings.family, settings.text_order, clock.clone())?;
             let OpenedReplay { board, replies } = opened;
-            // It never goes away.
+            // A replay never goes away.
             let open: OpenBus = Box::new(|| Err("a replay is not opened again".into()));
             Ok(Board { simulator: None, bus: Box::new(board), open, interrupt: None, replies: Some(replies) })
         }
@@ -85,7 +85,7 @@ pub fn open(
     }
 }
 
-/// Opens the board, `bytes` of it, to look at it. It takes no interrupt.
+/// Opens `bytes` of the board, only to look at them. Takes no interrupt.
 ///
 /// # Errors
 /// As [`open`].
@@ -140,8 +140,8 @@ fn in_order(bus: Box<dyn device::Board>, order: WordOrder) -> Box<dyn device::Bo
     }
 }
 
-/// A link to an interrupt of its own. A simulator's socket may come later; a UIO device has to be there now, while there
-/// is the privilege to open it.
+/// A link to an interrupt from a `source` of its own. A simulator's socket may come later. A UIO device has to be there
+/// now, while the daemon has the privilege to open it.
 pub(in crate::daemon) fn link(
     source: InterruptSource,
     system: &System,
@@ -159,7 +159,7 @@ pub(in crate::daemon) fn link(
     }
 }
 
-/// The interrupt, or nothing when it cannot be used, which is said.
+/// The interrupt; `None`, with an entry in the log, if the daemon cannot use it.
 pub fn usable(interrupt: Result<Interrupt, NoInterrupt>) -> Option<Interrupt> {
     match interrupt {
         Ok(interrupt) => Some(interrupt),

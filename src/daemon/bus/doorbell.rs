@@ -1,4 +1,4 @@
-//! A thread that waits for interrupts, and for the end, while the bus thread sleeps.
+//! A thread that waits for interrupts, and for the daemon's end, while the bus thread sleeps.
 
 use std::io;
 use std::os::fd::BorrowedFd;
@@ -10,7 +10,7 @@ use nix::errno::Errno;
 use nix::sys::epoll::{Epoll, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
 use nix::sys::eventfd::{EfdFlags, EventFd};
 
-/// What a descriptor tells the thread: to end, or to ring.
+/// A descriptor's message to the thread: to end, or to ring.
 const END: u64 = 0;
 const RING: u64 = 1;
 /// The thread needs next to no stack.
@@ -22,7 +22,7 @@ pub struct Doorbell {
     thread: Option<JoinHandle<()>>,
 }
 
-/// What the thread shares with its owner. It lives until both are done: a descriptor that is closed wakes nobody.
+/// The part that the thread shares with its owner. It lives until both are done: a closed descriptor wakes nobody.
 struct Wires {
     descriptors: Epoll,
     end: EventFd,
@@ -48,15 +48,16 @@ impl Doorbell {
         Ok(Self { wires, thread })
     }
 
-    /// Forgets that it has rung. Call it before the descriptors are polled: behind the poll it would forget what came between.
+    /// Forgets earlier rings. Call this before a poll of the descriptors: after the poll, it would forget a ring that
+    /// came in between.
     pub fn silence(&self) {
         self.wires.has_rung.swap(false, Ordering::SeqCst);
     }
 
-    /// Rings when this is readable, once. If it is readable now, it rings now.
+    /// Rings once when `interrupt` is readable. If it is readable now, the bell rings now.
     ///
     /// # Errors
-    /// The kernel cannot watch it.
+    /// The kernel cannot watch `interrupt`.
     pub fn listen(&self, interrupt: BorrowedFd<'_>) -> nix::Result<()> {
         let descriptors = &self.wires.descriptors;
         match descriptors.modify(interrupt, &mut once()) {
@@ -65,7 +66,7 @@ impl Doorbell {
         }
     }
 
-    /// Whether something has become readable since [`Doorbell::silence`].
+    /// Whether a descriptor has become readable since [`Doorbell::silence`].
     #[must_use]
     pub fn has_rung(&self) -> bool {
         self.wires.has_rung.load(Ordering::SeqCst)
@@ -74,28 +75,28 @@ impl Doorbell {
 
 impl Drop for Doorbell {
     fn drop(&mut self) {
-        // Cannot fail: nobody else writes it.
+        // Cannot fail: only the owner writes this event.
         let _ = self.wires.end.write(1);
         let _ = self.thread.take().map(JoinHandle::join);
     }
 }
 
 impl Wires {
-    /// What the thread does.
+    /// The thread's work.
     fn ring(&self) {
         let mut ready = [EpollEvent::empty()];
         loop {
             match self.descriptors.wait(&mut ready, EpollTimeout::NONE) {
                 Ok(0) | Err(Errno::EINTR) => {}
                 Ok(_) if ready[0].data() == RING => self.has_rung.store(true, Ordering::SeqCst),
-                // Nothing but a signal makes it fail.
+                // Only a signal makes the wait fail.
                 Ok(_) | Err(_) => return,
             }
         }
     }
 }
 
-/// Readable once is enough: until the bus thread has looked, more of it says nothing new.
+/// The kernel reports a readable descriptor once: until the bus thread has looked, more reports say nothing new.
 fn once() -> EpollEvent {
     EpollEvent::new(EpollFlags::EPOLLIN | EpollFlags::EPOLLONESHOT, RING)
 }
@@ -149,7 +150,7 @@ mod tests {
         assert!(stays_silent(&bell));
         board.write_all(&[2]).unwrap();
         assert!(rings(&bell));
-        // The other end was closed, and connected again.
+        // The board closes its end, and connects again.
         (board, interrupt) = UnixStream::pair().unwrap();
         listen(&interrupt);
         assert!(stays_silent(&bell));

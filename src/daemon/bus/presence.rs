@@ -7,50 +7,52 @@ use crate::daemon::bus::ports::command_port::CommandPorts;
 use crate::device::{Interrupt, Presence};
 use crate::function::line_port::PortError;
 
-/// What has become of the board.
+/// A change of the board's presence.
 pub enum Change {
-    /// Its memory was replaced, and has been opened again, with the interrupt of its device if that has one to use.
+    /// The board's memory was replaced. The daemon has opened it again, with its device's interrupt if the device has
+    /// one to use.
     Replaced(Option<Option<Interrupt>>),
-    /// It answers on the bus again.
+    /// The board answers on the bus again.
     Answers,
-    /// The DPRAM is out of reach, so the board was reset. Its page has been written.
+    /// The DPRAM is out of reach, so the board was reset. The daemon has written the page.
     PageLost,
     /// The DPRAM is in reach again.
     PageBack,
 }
 
-/// What was last seen of the board.
+/// The daemon's last view of the board.
 pub struct BoardPresence {
     open: OpenBus,
-    /// Its memory cannot be opened.
+    /// The daemon cannot open the board's memory.
     gone: bool,
-    /// Nothing answers on the bus.
+    /// No board answers on the bus.
     pub is_silent: bool,
-    /// The DPRAM is out of reach for want of its page.
+    /// The DPRAM is out of reach: its page is not selected.
     pub is_out_of_reach: bool,
-    /// A reset was found by its lost page, and servo data have not come since to tell of the same one.
+    /// The daemon has found a reset by the lost page, and has not seen servo data since, which would tell of the same
+    /// reset.
     pub is_reset_known: bool,
 }
 
 impl BoardPresence {
-    /// A board that was there when it was opened, and how to open it again.
+    /// A board that was there when the daemon opened it; `open` opens it again.
     #[must_use]
     pub fn new(open: OpenBus) -> Self {
         Self { open, gone: false, is_silent: false, is_out_of_reach: false, is_reset_known: false }
     }
 
-    /// Whether the board can be reached, as far as was seen.
+    /// Whether the daemon can reach the board, as far as it has seen.
     #[must_use]
     pub const fn is_there(&self) -> bool {
         !self.gone && !self.is_silent
     }
 
-    /// The servo data have been polled, and are live or not.
+    /// The bus thread has polled the servo data; `is_live`: the data are live.
     pub fn servo_polled(&mut self, is_live: bool) {
         self.is_reset_known &= !is_live;
     }
 
-    /// Looks whether the board is there, and opens it again when it was replaced or came back.
+    /// Checks whether the board is there, and opens it again after it was replaced or came back.
     pub fn check(&mut self, bus: &mut BoardBus) -> Option<Change> {
         if bus.still_there() {
             self.gone = false;
@@ -72,7 +74,7 @@ impl BoardPresence {
         }
     }
 
-    /// Looks whether anything answers. Where no board is, every word reads as ones: the functions take none of it for
+    /// Checks whether a board answers. Without a board, every word reads as ones: the functions take no such word for
     /// data, and jobs wait meanwhile.
     pub fn check_answers(&mut self, bus: &mut BoardBus) -> Option<Change> {
         let silent = !bus.answers();
@@ -89,8 +91,8 @@ impl BoardPresence {
         Some(Change::Answers)
     }
 
-    /// Writes the page, where one is configured, while the DPRAM reads as all ones: a reset has had the board forget it.
-    /// 1 read.
+    /// Writes the page, if one is configured, while the DPRAM reads as all ones: a reset has made the board forget the
+    /// page. 1 read.
     ///
     /// # Errors
     /// When the board cannot be reached.
@@ -131,7 +133,7 @@ mod tests {
     use crate::device::{Bus, BusError, Counted, OpenedBoard, Trace, Traced};
     use crate::map::HostOffset;
 
-    /// A slot, and what is in it.
+    /// A slot, and the board in it.
     #[derive(Clone, Default)]
     struct Slot {
         is_there: Arc<AtomicBool>,

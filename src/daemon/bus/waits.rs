@@ -1,8 +1,8 @@
 //! How the bus thread waits: in a sleep, or in a poll of its descriptors.
 //!
-//! A poll costs more processor time than a sleep, and seldom is something readable. So while nobody has asked anything for a
-//! while, a short wait is a sleep. What comes meanwhile is seen after it: a command by its queue, all else by the
-//! [`Doorbell`].
+//! A poll costs more processor time than a sleep, and a descriptor is seldom readable. So a short wait is a sleep if
+//! nobody has asked anything for a while. After the sleep the bus thread finds a command in its queue, and hears of all
+//! else by the [`Doorbell`].
 
 use std::io;
 use std::os::fd::{AsRawFd, RawFd};
@@ -14,22 +14,23 @@ use crate::clock::sleep_until;
 use crate::daemon::bus::doorbell::Doorbell;
 use crate::daemon::bus::readable::{Descriptors, Interrupts, Readable};
 
-/// The longest wait that may be a sleep. A command that comes in it waits for its end. It is longer than the 2 ms of 500 Hz.
+/// The longest wait that may be a sleep: longer than the 2 ms of 500 Hz. A command that comes meanwhile waits for the
+/// sleep's end.
 const LONGEST_SLEEP_NS: u64 = 2_500_000;
-/// For this long after the last command or interrupt no wait is a sleep: the next one may follow.
+/// For this long after the last command or interrupt every wait is a poll: another may follow.
 const ATTENTIVE_NS: u64 = 10_000_000;
 /// The longest time without a poll.
 const POLL_NS: u64 = 200_000_000;
 
 /// How to wait next.
 pub struct Waits {
-    /// Without it every wait is a poll.
+    /// Without a doorbell every wait is a poll.
     doorbell: Option<Doorbell>,
-    /// What it listens to.
+    /// The descriptors that the doorbell listens to.
     heard: Interrupts<RawFd>,
-    /// No wait before is a sleep.
+    /// Before this time every wait is a poll.
     sleeps_from_ns: u64,
-    /// No sleep ends later.
+    /// Every sleep ends by this time.
     sleeps_until_ns: u64,
     poll_ns: u64,
 }
@@ -41,17 +42,17 @@ impl Default for Waits {
 }
 
 impl Waits {
-    /// From now on short waits are sleeps. `stop` is the one of all [`Descriptors`] to come.
+    /// From now on short waits are sleeps. All later [`Descriptors`] must have this `stop`.
     ///
     /// # Errors
-    /// There can be no doorbell: every wait stays a poll.
+    /// The kernel gives no doorbell: every wait stays a poll.
     pub fn allow_sleeps(&mut self, stop: &EventFd) -> io::Result<()> {
         self.doorbell = Some(Doorbell::new(stop)?);
         Ok(())
     }
 
-    /// Waits from `now` until `due_ns`, or until something is readable. After a sleep nothing is. The wait is no sleep if not
-    /// `is_quiet`: something was asked, or the board is not at work.
+    /// Waits from `now` until `due_ns`, or until a descriptor is readable. After a sleep no descriptor counts as
+    /// readable. The wait is a poll if not `is_quiet`: somebody has asked something, or the board is not at work.
     pub fn wait(&mut self, now: u64, due_ns: u64, is_quiet: bool, descriptors: &Descriptors<'_>) -> Readable {
         if !is_quiet {
             self.sleeps_from_ns = now.saturating_add(ATTENTIVE_NS);
@@ -72,7 +73,7 @@ impl Waits {
             self.sleeps_from_ns = due_ns.max(now).saturating_add(ATTENTIVE_NS);
             self.sleeps_until_ns = 0;
         } else if let Some(doorbell) = doorbell {
-            // What it cannot listen to is polled.
+            // The bus thread polls the descriptors that the doorbell cannot listen to.
             self.heard =
                 interrupts.map(|fd| fd.filter(|fd| doorbell.listen(*fd).is_ok()).map(|fd| fd.as_raw_fd()));
             self.sleeps_until_ns = now.saturating_add(self.poll_ns);
@@ -95,11 +96,11 @@ mod tests {
     use super::*;
     use crate::segment::monotonic_ns;
 
-    /// Long past the end of a test.
+    /// A time long past the end of a test.
     const NEVER_NS: u64 = u64::MAX / 2;
     const WAIT_NS: u64 = 200_000;
 
-    /// Waits that are sleeps, but for the first. No poll comes by itself.
+    /// Waits that are sleeps, except the first. No poll comes by itself.
     fn sleeping(stop: &EventFd) -> Waits {
         let mut waits = Waits { poll_ns: NEVER_NS, ..Waits::default() };
         waits.allow_sleeps(stop).unwrap();
@@ -110,7 +111,7 @@ mod tests {
         Arc::new(EventFd::from_value_and_flags(0, EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK).unwrap())
     }
 
-    /// Waits, quietly and for a short time each, until something is readable; 10 s at most.
+    /// Waits, quietly and for a short time each, until a descriptor is readable; 10 s at most.
     fn wait(waits: &mut Waits, stop: &EventFd, interrupts: [Option<&UnixStream>; 3]) -> Readable {
         let interrupts = interrupts.map(|stream| stream.map(AsFd::as_fd));
         let until = Instant::now() + Duration::from_secs(10);
@@ -131,7 +132,7 @@ mod tests {
             let mut waits = sleeping(&stop);
             let writer = Arc::clone(&stop);
             let writer = thread::spawn(move || {
-                // Some before the first poll, some in it, some in a sleep.
+                // Some ends come before the first poll, some during it, some during a sleep.
                 thread::sleep(Duration::from_micros(run * 10));
                 writer.write(1).unwrap();
             });
@@ -150,7 +151,7 @@ mod tests {
                 thread::sleep(Duration::from_millis(1));
                 writer.write(1).unwrap();
             });
-            // A poll that does not see it, as one that has just looked.
+            // A poll that does not see the end, like a poll that has just looked.
             let (now, unseen) = (monotonic_ns(), self::stop());
             let descriptors = Descriptors { stop: unseen.as_fd(), commands: None, interrupts: [None; 3] };
             assert!(!waits.wait(now, now + LONGEST_SLEEP_NS, true, &descriptors).stop);
@@ -166,7 +167,7 @@ mod tests {
         let (mut board, mut interrupt) = UnixStream::pair().unwrap();
         let (mut bus, mailbox) = UnixStream::pair().unwrap();
         for round in 0..20 {
-            // Waits are sleeps again after a while without any.
+            // After a while without an interrupt, short waits are sleeps again.
             let from_ns = monotonic_ns() + 2 * ATTENTIVE_NS;
             while monotonic_ns() < from_ns {
                 let now = monotonic_ns();
@@ -179,7 +180,7 @@ mod tests {
             assert!(wait(&mut waits, &stop, [Some(&interrupt), None, None]).interrupt, "round {round}");
             interrupt.read_exact(&mut [0]).unwrap();
         }
-        // One that was not there before.
+        // The mailbox's interrupt, which the first rounds lacked.
         bus.write_all(&[1]).unwrap();
         assert!(wait(&mut waits, &stop, [Some(&interrupt), None, Some(&mailbox)]).mailbox);
     }
@@ -192,7 +193,7 @@ mod tests {
         let now = monotonic_ns();
         let polls =
             |waits: &mut Waits, due_ns, is_quiet| waits.wait(now, due_ns, is_quiet, &descriptors).stop;
-        // It sleeps although the end has come: nobody has rung.
+        // The wait is a sleep although the end has come: the doorbell has not rung.
         let asleep = || {
             let waits = sleeping(&self::stop());
             Waits { sleeps_until_ns: NEVER_NS, ..waits }

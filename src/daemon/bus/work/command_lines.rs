@@ -17,18 +17,18 @@ use crate::function::line_port::PortError;
 use crate::protocol::{CommandPort, CommandState, HostPortCounts};
 use crate::segment::Counter;
 
-/// Command lines: who waits for whom, and how a response is announced.
+/// Command lines: their queue, and the interrupts that announce responses.
 pub struct CommandLines {
-    /// Who waits for whom.
+    /// The queue, which decides which line waits for which.
     pub queue: AsciiQueue,
     /// Announces responses in the DPRAM, if the board has one.
     interrupt: Option<InterruptLink>,
-    /// The interrupt controller, where it has to be served.
+    /// The interrupt controller, if the daemon has to serve it.
     host_port: Option<HostPortDriver>,
 }
 
 impl CommandLines {
-    /// The lines of `queue`, whose responses in the DPRAM are announced by `interrupt` and `host_port`, where they are.
+    /// The lines of `queue`. `interrupt` and `host_port`, if there are any, announce responses in the DPRAM.
     #[must_use]
     pub const fn new(
         queue: AsciiQueue,
@@ -38,13 +38,13 @@ impl CommandLines {
         Self { queue, interrupt, host_port }
     }
 
-    /// What was counted of the host port's interrupts; `None` where it is not served.
+    /// The counts of the host port's interrupts; `None` if the daemon does not serve it.
     #[must_use]
     pub fn host_port_counts(&self) -> Option<HostPortCounts> {
         self.host_port.as_ref().map(HostPortDriver::counts)
     }
 
-    /// What becomes readable when an interrupt comes.
+    /// The descriptors that become readable when an interrupt comes.
     #[must_use]
     pub fn descriptors(&self) -> Interrupts<BorrowedFd<'_>> {
         let interrupt = self.interrupt.as_ref().and_then(InterruptLink::descriptor);
@@ -53,7 +53,7 @@ impl CommandLines {
         [interrupt, taken, reply]
     }
 
-    /// Takes the interrupts that came, and connects those that are not connected. Returns how many came.
+    /// Takes the interrupts that came, and connects the links that are not connected. Returns how many interrupts came.
     pub fn take_interrupts(&mut self, readable: &Readable, now: Instant) -> u32 {
         let mut count = 0;
         if let Some(link) = &mut self.interrupt {
@@ -78,7 +78,7 @@ impl CommandLines {
         count
     }
 
-    /// Has the queue know whether the interrupts of the port in use are there.
+    /// Tells the queue whether the interrupts of the port in use are connected.
     fn see_interrupt(&mut self) {
         let ports = &self.queue.ports;
         let is_there = match ports.in_use() {
@@ -96,7 +96,7 @@ impl CommandLines {
         Ok(self.host_port.as_mut().map_or(Ok(()), HostPortDriver::enable)?)
     }
 
-    /// As [`Self::open_line`] if the line is shut: a reset that was too quick to be noticed has shut it.
+    /// As [`Self::open_line`] if the line is shut: a reset that was too quick for the daemon to notice has shut it.
     ///
     /// # Errors
     /// When the registers cannot be reached.
@@ -108,7 +108,7 @@ impl CommandLines {
         Ok(())
     }
 
-    /// Leaves the line of the host port's interrupt as it was found.
+    /// Leaves the line of the host port's interrupt as the daemon found it.
     ///
     /// # Errors
     /// When the registers cannot be reached.
@@ -116,8 +116,8 @@ impl CommandLines {
         Ok(self.host_port.as_mut().map_or(Ok(()), HostPortDriver::leave)?)
     }
 
-    /// The board's memory was replaced, and perhaps the interrupt of its device: opens the registers again, too. A simulator
-    /// that was started again has files of its own for them.
+    /// The board's memory was replaced, and perhaps the interrupt of its device: opens the registers again, too. A
+    /// restarted simulator has other files for the registers.
     pub fn reopen(&mut self, interrupt: Option<Option<Interrupt>>) {
         if let (Some(link), Some(interrupt)) = (&mut self.interrupt, interrupt) {
             link.replace(interrupt);

@@ -1,8 +1,9 @@
 //! Requests to the control panel: one at a time, each until the board has taken it.
 //!
-//! The board clears the panel's mask when it has taken a request, also one that was withdrawn while it did. So after a
-//! withdrawal, and after the start, the panel rests. A stop does not wait: it goes at once, and in that time once more, since its
-//! first clearing may be the withdrawn request's.
+//! The board clears the panel's mask when it has taken a request, even a request that the daemon withdrew meanwhile. So
+//! the panel rests after a withdrawal, and after the start. A stop does not wait: the daemon writes it at once. While
+//! the panel rests the daemon writes the stop once more, since the board's first clearing may be for the withdrawn
+//! request.
 
 use std::collections::VecDeque;
 use std::time::Instant;
@@ -45,24 +46,24 @@ struct PendingRequest {
     ticket: Ticket,
     request: PanelRequest,
     deadline: Instant,
-    /// The request was written while the panel rests, and goes once more.
+    /// The bus thread has written the request while the panel rests, and writes it once more.
     again: bool,
     /// The request stops a jog that no client holds any more.
     ends_hold: bool,
 }
 
-/// The requests that wait, and the one that lies in the panel.
+/// The requests that wait, and the request in the panel.
 #[derive(Debug)]
 pub struct PanelQueue {
     panel: Panel,
     /// The I-variable that enables the panel.
     enable: Option<u16>,
     waiting: VecDeque<WaitingRequest>,
-    /// The request that lies in the panel.
+    /// The request in the panel.
     pending: Option<PendingRequest>,
     /// An abandoned request, with an unknown outcome.
     abandoned: Option<Ticket>,
-    /// A request was withdrawn, by this daemon or one before it: when the panel has rested.
+    /// When the panel has rested: this daemon or one before it has withdrawn a request.
     rests_until: Instant,
     next_poll: Instant,
     open_loops: OpenLoops,
@@ -70,7 +71,7 @@ pub struct PanelQueue {
 }
 
 impl PanelQueue {
-    /// No requests yet, for the panel of `family`; `None` if it has none.
+    /// No requests yet, for the panel of `family`; `None` if the family has no panel.
     #[must_use]
     pub fn new(family: &'static Family, now: Instant) -> Option<Self> {
         Some(Self {
@@ -86,12 +87,12 @@ impl PanelQueue {
         })
     }
 
-    /// The time of a request is over.
+    /// The outcome of a request whose time is over. `was_made`: the request was in the panel.
     fn not_taken(&self, was_made: bool) -> Outcome {
         let enable = self.enable.map_or_else(|| ".".to_owned(), |number| format!("; is I{number}=3?"));
         let told = format_args!("the board did not take the panel request in time{enable}");
         if was_made {
-            // The board may have begun with it just before it was withdrawn.
+            // The board may have begun the request just before the withdrawal.
             Outcome::Interrupted(Text::of(&format_args!("{told} It has been withdrawn")))
         } else {
             let what = "It was not carried out: the panel was not free for it";
@@ -119,8 +120,8 @@ impl PanelQueue {
         self.panel.withdraw(bus)
     }
 
-    /// Stops waiting for the board to take the request. Even with its mask still set the board may have carried it out: a board may
-    /// clear the mask only afterwards.
+    /// Stops waiting for the board to take the request. Even while the mask is set the board may have carried the
+    /// request out: a board may clear the mask only afterwards.
     fn abandon(&mut self) {
         if let Some(pending) = self.pending.take() {
             self.abandoned = Some(pending.ticket);
@@ -140,9 +141,10 @@ impl PanelQueue {
         self.next_poll = now;
     }
 
-    /// User `uid` is about to stop all motion by `character`. Nothing that moves a motor goes after it. A stop would close the
-    /// loops that `^K` opens, so stops wait until the board has taken `^K`, and are done by it. What lies in the panel is
-    /// withdrawn before the character is written: the board looks at both in one pass, and nobody knows at which first.
+    /// User `uid` is about to stop all motion by `character`. No request that moves a motor goes after it. A stop would
+    /// close the loops that `^K` opens: so stops wait until the board has taken `^K`, and are then done. The daemon
+    /// withdraws the request in the panel before it writes the character: the board looks at both in one pass, in an
+    /// unknown order.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -193,16 +195,16 @@ impl PanelQueue {
         &mut self.open_loops
     }
 
-    /// The motors whose loop is open, as far as that is known for sure: not of those for which a request
-    /// lies in the panel, which may close it at any time.
+    /// The motors whose loop is known for sure to be open, except those of the request in the panel: it may close their
+    /// loop at any time.
     #[must_use]
     pub fn open_loops(&self) -> Motors {
         let requested = self.pending.map_or(Motors::NONE, |pending| motors_of(&pending.request));
         self.open_loops.known().without(requested)
     }
 
-    /// Forgets every waiting request but stops, and joins those to one, or to two with the stops of held jogs: no caller waits for
-    /// the outcome of each.
+    /// Forgets every waiting request except stops. Joins the stops to one, or to two with the stops of held jogs: no
+    /// caller waits for the outcome of each.
     pub fn keep_stops(&mut self) {
         self.waiting.retain(|waiting| waiting.request.is_stop());
         let mut kept: [Option<WaitingRequest>; 2] = [None, None];
@@ -218,7 +220,7 @@ impl PanelQueue {
         self.waiting.extend(kept.into_iter().flatten());
     }
 
-    /// Sets or releases an override; done at once.
+    /// Sets or releases an override at once.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -245,7 +247,7 @@ impl PanelQueue {
         self.is_busy().then_some(self.next_poll)
     }
 
-    /// Whether a request waits, or lies in the panel.
+    /// Whether a request waits, or is in the panel.
     #[must_use]
     pub fn is_busy(&self) -> bool {
         self.pending.is_some() || self.abandoned.is_some() || !self.waiting.is_empty()
@@ -271,13 +273,13 @@ impl PanelQueue {
                 return Ok(Some(Event::Done(ticket, Outcome::Done)));
             }
             if now < deadline {
-                // A stop that has waited long enough goes another way.
+                // A stop that has waited past its deadline ends here: the daemon sends it another way.
                 let is_late =
                     |waiting: &WaitingRequest| waiting.request.ends_motion() && now >= waiting.deadline;
                 let late = self.waiting.iter().position(is_late).and_then(|index| self.waiting.remove(index));
                 return Ok(late.map(|stop| Event::Done(stop.ticket, self.not_taken(false))));
             }
-            // It must not be carried out by surprise, when the panel is enabled one day.
+            // Otherwise the board would carry the request out by surprise, once somebody enables the panel.
             self.panel.withdraw(bus)?;
             self.pending = None;
             self.rests_until = now + PANEL_REST;
@@ -314,7 +316,7 @@ impl PanelQueue {
         let WaitingRequest { ticket, request, deadline, ends_hold, .. } = next;
         if self.panel.begin(bus, &request)? {
             self.pending = Some(PendingRequest { ticket, request, deadline, again: rests, ends_hold });
-            // What a stop has overtaken must not move a motor after it.
+            // A request that the stop has overtaken must not move a motor after it.
             let overtaken = Text::of(
                 &"the panel request was not carried out: a stop came before the panel was free for it",
             );
@@ -326,7 +328,7 @@ impl PanelQueue {
         Ok(None)
     }
 
-    /// The stop of a held jog without the motors whose loop is open.
+    /// The stop of a held jog, without the motors whose loop is open.
     fn without_open_loops(&self, stop: PanelRequest) -> PanelRequest {
         let (motors, open) = (motors_of(&stop), self.open_loops.known());
         if !motors.meets(open) {

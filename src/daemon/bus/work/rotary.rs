@@ -1,4 +1,4 @@
-//! Lines for the binary rotary buffers: keeps the board fed as it makes room.
+//! Lines for the binary rotary buffers: the bus thread feeds the board as it makes room.
 
 use std::collections::VecDeque;
 use std::time::Instant;
@@ -12,7 +12,7 @@ use crate::function::line_port::PortError;
 use crate::function::rotary::{RotaryError, RotarySetup, RotaryStream};
 use crate::map::Family;
 
-/// Commands written in one poll: four words each, so that the servo data never wait long.
+/// How many commands one poll writes, four words each: few, so that the servo data never wait long.
 const COMMANDS_A_POLL: usize = 16;
 
 /// The commands of a line, two words each.
@@ -21,19 +21,19 @@ pub type Line = Vec<(u32, u32)>;
 /// Lines for a buffer, sent together.
 #[derive(Debug)]
 pub struct Batch {
-    /// Who is told their end.
+    /// The ticket under which the sender hears of the lines' end.
     pub ticket: Ticket,
     /// The buffer's number, from 0.
     pub buffer: usize,
-    /// The number the next line has to have, if its sender counts.
+    /// The number that the next line has to have, if its sender counts.
     pub first: Option<u64>,
-    /// The lines that are left.
+    /// The lines left.
     pub lines: VecDeque<Line>,
-    /// Until when they wait for room.
+    /// Until when the lines wait for room.
     pub deadline: Instant,
 }
 
-/// The lines that wait, and the buffers they go to.
+/// The lines that wait, and their buffers.
 #[derive(Debug)]
 pub struct RotaryQueue {
     streams: Vec<RotaryStream>,
@@ -42,7 +42,7 @@ pub struct RotaryQueue {
 }
 
 impl RotaryQueue {
-    /// No lines, and no buffer of the family's set up.
+    /// No lines, and no buffer of `family` set up.
     #[must_use]
     pub fn new(family: &'static Family, now: Instant) -> Self {
         Self {
@@ -52,7 +52,7 @@ impl RotaryQueue {
         }
     }
 
-    /// The buffer's stream, if it has been set up.
+    /// The buffer's stream, if the daemon has set it up.
     fn stream(&mut self, buffer: usize) -> Option<&mut RotaryStream> {
         self.streams.get_mut(buffer).filter(|stream| stream.is_set_up())
     }
@@ -83,7 +83,7 @@ impl RotaryQueue {
         }
     }
 
-    /// Takes lines in, or refuses them.
+    /// Accepts lines, or refuses them.
     pub fn submit(&mut self, batch: Batch, now: Instant) -> Option<Event> {
         if self.stream(batch.buffer).is_none() {
             return Some(Event::Done(batch.ticket, refused(&RotaryError::NotSetUp)));
@@ -93,7 +93,7 @@ impl RotaryQueue {
         None
     }
 
-    /// No line will follow: what still waits is late.
+    /// No line will follow: the lines that still wait are late.
     pub fn finish(&mut self, buffer: usize, now: Instant) -> Outcome {
         let waiting = self.waiting.iter_mut().filter(|batch| batch.buffer == buffer);
         waiting.for_each(|batch| batch.deadline = now);
@@ -107,7 +107,7 @@ impl RotaryQueue {
         }
     }
 
-    /// How far a buffer is.
+    /// A buffer's progress.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -122,24 +122,24 @@ impl RotaryQueue {
         }
     }
 
-    /// When to poll next; `None` while nothing waits.
+    /// When to poll next; `None` while no line waits.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
         (!self.waiting.is_empty()).then_some(self.next_poll)
     }
 
-    /// Puts in what there is room for; tells what has ended.
+    /// Puts in the lines that have room; returns a batch's end.
     ///
     /// # Errors
     /// When the bus cannot be reached.
     pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
-        // First of all: whoever waits for one that is late has been told by now, and nothing more of it may go in.
+        // Late batches first: their callers have been told by now, so nothing more of them may go in.
         if let Some(index) = self.waiting.iter().position(|batch| now >= batch.deadline)
             && let Some(late) = self.waiting.remove(index)
         {
             return Ok(Some(Event::Done(late.ticket, Outcome::TimedOut)));
         }
-        // Every buffer gets its turn: a full one does not hold up the others.
+        // Every buffer gets its turn: a full buffer does not hold up the others.
         for buffer in 0..self.streams.len() {
             let Some(index) = self.waiting.iter().position(|batch| batch.buffer == buffer) else { continue };
             match self.feed(bus, index)? {
@@ -164,7 +164,7 @@ impl RotaryQueue {
                 refused(&"the rotary buffer was lost in a reset"),
             )));
         };
-        // After a batch that did not go in whole, those sent behind it would leave a gap.
+        // If a batch did not go in whole, the batches sent after it would leave a gap.
         if let Some(first) = batch.first
             && first != stream.sent_lines()
         {
@@ -213,11 +213,11 @@ impl<B: Bus> BoardFunction<B> for RotaryQueue {
     reason = "short-lived, and the event travels inline as it does in the queue"
 )]
 enum Fed {
-    /// There may be room for more.
+    /// The buffer may have room for more.
     Some,
-    /// There is no room for the next line.
+    /// The buffer has no room for the next line.
     Full,
-    /// The batch is done or cannot be.
+    /// The batch is done, or cannot go in.
     Ended(Event),
 }
 
@@ -255,7 +255,7 @@ mod tests {
             let batch = Batch { ticket: Ticket(ticket), buffer, first: None, lines, deadline };
             assert!(queue.submit(batch, now).is_none());
         }
-        // There is room for all of them; the thread was stopped meanwhile.
+        // The buffer has room for all batches, but the thread was stopped until the deadline.
         for ticket in [1, 2] {
             let event = queue.poll(&mut bus, deadline).unwrap();
             assert!(

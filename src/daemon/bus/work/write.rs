@@ -1,5 +1,5 @@
-//! Background variable writes that wait: one batch of records at a time, each until PMAC has
-//! written all of it.
+//! Background variable writes: PMAC gets one batch of records at a time, and the next one once it has written all of
+//! the batch.
 
 use std::collections::VecDeque;
 use std::time::Instant;
@@ -21,13 +21,13 @@ pub struct WriteQueue {
     writer: VariableWriter,
     waiting: VecDeque<RecordBatch>,
     under_way: Option<(Ticket, Instant)>,
-    /// What was under way when the board was taken over, and what became of it.
+    /// The batch under way when the daemon took the board over again, and how far PMAC was.
     interrupted: Option<(Ticket, GivenUp)>,
     next_poll: Instant,
 }
 
 impl WriteQueue {
-    /// No records yet; they lie where the layout keeps room for them.
+    /// No records yet. The layout has the room for them.
     #[must_use]
     pub fn new(layout: &BufferLayout, now: Instant) -> Self {
         Self {
@@ -39,7 +39,7 @@ impl WriteQueue {
         }
     }
 
-    /// Takes back what was handed over. To be called on every way out.
+    /// Takes back the records that PMAC has. The daemon calls this on every way out.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -47,7 +47,7 @@ impl WriteQueue {
         self.writer.release(bus)
     }
 
-    /// Takes back what this host or a dead one handed over: at the start, or when the board is another one.
+    /// Takes back the records of this host or a dead one: at the start, or when the board is another one.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -61,13 +61,13 @@ impl WriteQueue {
         Ok(())
     }
 
-    /// Takes records in.
+    /// Accepts records.
     pub fn submit(&mut self, ticket: Ticket, records: Vec<WriteRecord>, deadline: Instant, now: Instant) {
         self.waiting.push_back(RecordBatch { ticket, records, deadline });
         self.next_poll = now;
     }
 
-    /// When to poll next; `None` while nothing is to be done.
+    /// When to poll next; `None` while there is nothing to do.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
         (self.under_way.is_some()
@@ -77,7 +77,7 @@ impl WriteQueue {
         .then_some(self.next_poll)
     }
 
-    /// Does what can be done now; tells what has ended.
+    /// Does the work that is due; returns a batch's end.
     ///
     /// # Errors
     /// When the bus cannot be reached.
