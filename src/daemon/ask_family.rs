@@ -1,5 +1,5 @@
-//! Asks a board what it is through a port that is no word of its DPRAM: the VME mailboxes, whose place every family shares
-//! (PMAC User Manual p. 263-267, Turbo User Manual p. 397).
+//! Asks a board for its family through a port outside its DPRAM: the VME mailboxes, which lie at the same place in
+//! every family (PMAC User Manual p. 263-267, Turbo User Manual p. 397).
 
 use std::time::{Duration, Instant};
 
@@ -13,18 +13,19 @@ use crate::device::{ByteBusError, Inherited, System};
 use crate::function::line_port::AsciiEvent;
 use crate::map::Family;
 
-/// What every family answers to.
+/// The question that every family answers.
 const QUESTION: &str = "TYPE";
-/// What a board may set before each line (Turbo's I63).
+/// The character that a board may send before each line (Turbo's I63).
 const STX: char = '\u{2}';
-/// How long the answer may take, with what the port lets pass before. A board without power answers nothing.
+/// How long the board may take to answer, with all that the port lets pass before. A board without power answers
+/// nothing.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// The family that the board names through its mailboxes; `None` where it names none in [`PATIENCE`], and where no line
-/// may go that way. `wait` waits some milliseconds and tells the time.
+/// The family that the board names through its mailboxes; `None` if the board names none within [`PATIENCE`], or if the
+/// configuration allows no line that way. `wait` waits some milliseconds and returns the time.
 ///
 /// # Errors
-/// The mailboxes cannot be opened or reached.
+/// The daemon cannot open or reach the mailboxes.
 pub fn by_mailbox(
     config: &MailboxConfig,
     inherited: &Inherited,

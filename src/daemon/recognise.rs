@@ -1,4 +1,4 @@
-//! Finds out what the board is before anything is written to its DPRAM, and whether the configuration says so, too.
+//! Finds out what the board is before the daemon writes to its DPRAM, and checks that the configuration agrees.
 
 use std::time::{Duration, Instant};
 
@@ -15,17 +15,18 @@ use crate::device::{BoardSpec, Inherited, System};
 use crate::map::{Family, Generation, PMAC, TURBO2, TURBO2_8K};
 use crate::protocol::function::UNKNOWN_FAMILY;
 
-/// Between two looks: some milliseconds, and no multiple of a usual servo period.
+/// The pause between two looks: some milliseconds, and no multiple of a usual servo period.
 pub const PAUSE: Duration = Duration::from_micros(5300);
 
-/// How often a board whose family is sought is looked at, until it is known.
+/// How often the daemon looks at a board of unknown family at most.
 const LOOKS: usize = 8;
 
-/// The settings for the board that is there: `settings`, unless their family is to be found out. `pause` waits [`PAUSE`] and
-/// tells the time in nanoseconds.
+/// The settings for this board: `settings`, or settings with the board's family if the daemon has to find the family
+/// out. `pause` waits [`PAUSE`] and returns the time in nanoseconds.
 ///
 /// # Errors
-/// The board cannot be opened, is another one than the configuration says, or has not what the configuration names.
+/// The daemon cannot open the board, the board is not the configuration's, or it lacks something that the configuration
+/// names.
 pub fn settled(
     settings: Settings,
     options: &Options,
@@ -70,8 +71,8 @@ pub fn settled_now(
     })
 }
 
-/// What the board is by its size, where that is sure, and by its reports, in so many looks at most. Where nothing tells, and
-/// where its page is not selected yet, nothing is known.
+/// The board's family by its size, if the size is certain, or else by its reports, in so many `looks` at most. `None`
+/// if nothing shows the family, or the board's page is not selected yet.
 fn look(
     settings: &Settings,
     inherited: &Inherited,
@@ -87,7 +88,7 @@ fn look(
     recognise(&mut bus, looks, |_| pause()).map_err(|error| Failure::board(&error))
 }
 
-/// What the board says where it can be asked without a write into its DPRAM.
+/// The board's answer, if the daemon can ask without a write into the DPRAM.
 fn ask(
     settings: &Settings,
     inherited: &Inherited,
@@ -98,7 +99,7 @@ fn ask(
     ask_family::by_mailbox(mailbox, inherited, || begin + Duration::from_nanos(pause()))
 }
 
-/// The family that was seen, with as much DPRAM as there surely is. Within the generation, `TYPE` tells more.
+/// The family seen, with as much DPRAM as the board surely has. `TYPE` tells more within the generation.
 fn of_size(seen: &'static Family, board: &BoardSpec) -> &'static Family {
     let length = match board {
         BoardSpec::Window(window) => window.length,
@@ -111,7 +112,7 @@ fn of_size(seen: &'static Family, board: &BoardSpec) -> &'static Family {
     }
 }
 
-/// Why the configuration's family cannot be the board's. What the board does not show contradicts nothing.
+/// Why the configuration's family cannot be the board's. A board that shows no family contradicts nothing.
 fn contradiction(written: &Family, seen: Recognised) -> Option<String> {
     let seen = seen.filter(|seen| seen.generation != written.generation)?;
     let right = match seen.generation {

@@ -1,18 +1,20 @@
-//! The order in which a board is asked where its M-variables point. It answers none of the questions.
+//! Keeps the order in which the daemon asks a board where its M-variables point. The order answers none of the
+//! questions.
 //!
-//! First come the blocks in which a definition was found last time that points into the DPRAM, then those that sites use.
+//! The first blocks are those in which the daemon last found a definition that points into the DPRAM. The blocks that
+//! sites use follow.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// M-variables of a block: a Turbo board has as many blocks as a word has bits.
 pub const BLOCK: u16 = 128;
-/// Below the first and from the second on, sites define their M-variables: the usual ones of motors and systems, and those of programs
-/// for trajectories.
+/// Sites define their M-variables below the first of these numbers and from the second on: the usual M-variables of
+/// motors and systems, and those of programs for trajectories.
 const LOW: u16 = 1024;
 const HIGH: u16 = 4000;
 
-/// The blocks, bit 0 being the one of M0.
+/// The blocks, as bits: bit 0 is the block of M0.
 #[derive(Debug, Default)]
 pub struct DefinitionBlocks {
     last_time: u64,
@@ -21,13 +23,13 @@ pub struct DefinitionBlocks {
 }
 
 impl DefinitionBlocks {
-    /// Those of `last_time`.
+    /// The blocks found `last_time`.
     #[must_use]
     pub const fn new(last_time: u64) -> Self {
         Self { last_time, found: AtomicU64::new(last_time), is_changed: AtomicBool::new(false) }
     }
 
-    /// `count` M-variables in the order in which they are asked for.
+    /// The spans of `count` M-variables, in the order of the questions.
     #[must_use]
     pub fn order(&self, count: u16) -> Box<[Range<u16>]> {
         let blocks = || (0..count / BLOCK).map(|block| (block, block * BLOCK..(block + 1) * BLOCK));
@@ -46,14 +48,14 @@ impl DefinitionBlocks {
         spans.into()
     }
 
-    /// The board has told all its definitions.
+    /// The board has told all its definitions: these blocks have some that point into the DPRAM.
     pub fn set(&self, found: u64) {
         if self.found.swap(found, Ordering::Relaxed) != found {
             self.is_changed.store(true, Ordering::Release);
         }
     }
 
-    /// Those that were found, if they have changed since the last call.
+    /// The blocks found, if they have changed since the last call.
     pub fn take_changed(&self) -> Option<u64> {
         self.is_changed.swap(false, Ordering::Acquire).then(|| self.found.load(Ordering::Relaxed))
     }

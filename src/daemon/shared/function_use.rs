@@ -1,16 +1,16 @@
-//! Which functions are used: what the configuration says, and what the board's own programs leave free.
+//! The functions that the daemon uses: those of the configuration, as far as the board's own programs leave them free.
 
 use crate::map::{Family, Function, HostOffset};
 use crate::protocol::{BoardSettings, ProgramWords};
 
 const COUNT: usize = Function::ALL.len();
 
-/// Whether a function is used.
+/// The use of a function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum FunctionState {
     /// The configuration leaves it out.
     Off,
-    /// Not yet: the board is asked where its M-variables point.
+    /// The daemon does not use the function yet: it first asks the board where its M-variables point.
     Waits,
     /// The daemon uses the function.
     #[default]
@@ -22,16 +22,16 @@ pub enum FunctionState {
 /// M-variables that point into a function's words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pointers {
-    /// The first of them.
+    /// The first of these M-variables.
     pub variable: u16,
-    /// The word it points to.
+    /// The word that it points to.
     pub word: HostOffset,
-    /// How many others there are.
+    /// How many more M-variables point there.
     pub others: u16,
 }
 
-/// The use of every function; before the bus thread has told, the daemon uses what the configuration has. Held in place: passing it on
-/// allocates nothing.
+/// The use of every function. Before the bus thread has reported, the daemon uses the functions of the configuration.
+/// Held in place: passing it on allocates nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FunctionUse {
     uses: [FunctionState; COUNT],
@@ -39,8 +39,9 @@ pub struct FunctionUse {
 }
 
 impl FunctionUse {
-    /// As `settings` say. If the board `is_asked` first where its M-variables point, all wait for that but command lines and those
-    /// that are used wherever these point.
+    /// The functions of `settings`. If the daemon first asks the board where its M-variables point (`is_asked`), all
+    /// functions wait for the answer, except command lines and the functions that the daemon uses wherever M-variables
+    /// point.
     #[must_use]
     pub fn new(settings: &BoardSettings, is_asked: bool) -> Self {
         let uses = Function::ALL.map(|function| match settings.functions.has(function) {
@@ -53,13 +54,13 @@ impl FunctionUse {
         Self { uses, ..Self::default() }
     }
 
-    /// Whether `function` is used.
+    /// The use of `function`.
     #[must_use]
     pub const fn of(&self, function: Function) -> FunctionState {
         self.uses[function as usize]
     }
 
-    /// The M-variables that point into the words of `function`, as far as known.
+    /// The M-variables that point into the words of `function`, as far as the daemon knows.
     #[must_use]
     pub const fn pointers(&self, function: Function) -> Option<Pointers> {
         self.pointers[function as usize]
@@ -73,8 +74,9 @@ impl FunctionUse {
         }
     }
 
-    /// Takes what the board has told of its M-variables. A function into whose words one points is not used, unless it is one
-    /// of `stays`. Unless it `is_all` that the board has, nothing follows for the other functions.
+    /// Takes the board's answers about its M-variables. The daemon does not use a function if an M-variable points into
+    /// its words, unless the function `stays`. If not `is_all`, the answers decide nothing on functions without such an
+    /// M-variable.
     pub fn decide(
         &mut self,
         pointers: [Option<Pointers>; COUNT],

@@ -1,5 +1,5 @@
-//! What is known of the board. The bus thread tells it by events, the socket's thread answers `GetInfo` from it, and the
-//! first thread shows it to the service manager.
+//! The daemon's knowledge of the board. The bus thread reports it by events, the socket's thread answers `GetInfo` from
+//! it, and the first thread shows it to the service manager.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -15,7 +15,7 @@ use crate::protocol::program_words::waits_for;
 use crate::protocol::{BoardInfo, BoardSettings, Enabled, State};
 use crate::recording::Replies;
 
-/// How long no command line is answered until that is told: a single one may be slow.
+/// How long the board answers no command line before the daemon tells the clients: a single line may be slow.
 const SILENT: Duration = Duration::from_secs(2);
 
 /// The socket's side: the daemon's present knowledge of its board, and its settings.
@@ -25,10 +25,10 @@ pub struct Info {
     board: BoardInfo,
     settings: BoardSettings,
     status: BoardStatus,
-    /// When the board said, asked for a client, that background variables are switched on.
+    /// When the board told, for a client's question, that background variables are switched on.
     confirmed: Option<Instant>,
     pulse: Arc<Pulse>,
-    /// Of a replay.
+    /// The recording's replies, in a replay.
     replies: Option<Arc<Replies>>,
 }
 
@@ -48,7 +48,7 @@ impl Info {
         }
     }
 
-    /// Of a replay whose recording answers `replies`.
+    /// The same for a replay, whose recording answers `replies`.
     #[must_use]
     pub fn of_replay(mut self, replies: Arc<Replies>) -> Self {
         self.board.replay = Some(Replay::default());
@@ -56,7 +56,7 @@ impl Info {
         self
     }
 
-    /// Of a replay, what its recording answers.
+    /// The recording's replies, in a replay.
     #[must_use]
     pub fn replies(&self) -> Option<&Replies> {
         self.replies.as_deref()
@@ -86,7 +86,7 @@ impl Info {
         &self.settings
     }
 
-    /// Why `function` cannot be used now, if it cannot.
+    /// Why the daemon cannot use `function` now, if it cannot.
     #[must_use]
     pub fn why_not(&self, function: Function) -> Option<String> {
         let functions = &self.settings.functions;
@@ -119,13 +119,13 @@ impl Info {
         self.status.motors.loops_left_open
     }
 
-    /// The motors of whose loops nothing is known yet.
+    /// The motors of whose loops the daemon knows nothing yet.
     #[must_use]
     pub fn loops_untold(&self) -> Motors {
         self.status.motors.loops_untold
     }
 
-    /// The command that holds the port for command lines: one that was given up, or a slow line.
+    /// The command that holds the port for command lines: a given-up command, or a slow line.
     #[must_use]
     pub fn holds_port(&self) -> Option<GivenUp> {
         self.status.lines.holds_port
@@ -149,7 +149,8 @@ impl Info {
         self.status.gathers
     }
 
-    /// What somebody else does on the board, or has changed there, by `now`; `gathers`: a gather of our own runs.
+    /// The work of other senders on the board by `now`, and their changes there. `gathers`: the daemon's own gather
+    /// runs.
     #[must_use]
     pub fn elsewhere(&self, gathers: bool, now: Instant) -> Vec<Elsewhere> {
         let ago_ms = |since: Instant| u64::try_from(now.saturating_duration_since(since).as_millis()).ok();
@@ -188,7 +189,7 @@ impl Info {
         self.confirmed = Some(now);
     }
 
-    /// Takes what the bus thread reports. Gives the motors whose loop has opened.
+    /// Takes the bus thread's report. Returns the motors whose loop has opened.
     pub fn take(&mut self, status: BoardStatus) -> Motors {
         let opened = status.motors.open_loops.without(self.status.motors.open_loops);
         self.status = status;
@@ -213,7 +214,7 @@ impl Info {
     }
 }
 
-/// A thread that shows the first thread that it lives.
+/// A thread that reports its life to the first thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WatchedThread {
     /// The bus thread, which owns the board.
@@ -223,10 +224,10 @@ pub enum WatchedThread {
 }
 
 impl WatchedThread {
-    /// All of them.
+    /// All watched threads.
     pub const ALL: [Self; 2] = [Self::Bus, Self::Socket];
 
-    /// As the log names it.
+    /// The thread's name in the log.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -249,13 +250,13 @@ impl Pulse {
         self.rounds[thread as usize].fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Rounds of each of [`WatchedThread::ALL`] so far: while it lives, at least four a second.
+    /// The rounds of each of [`WatchedThread::ALL`] so far: a living thread makes at least four a second.
     #[must_use]
     pub fn rounds(&self) -> [u64; WatchedThread::ALL.len()] {
         self.rounds.each_ref().map(|rounds| rounds.load(Ordering::Relaxed))
     }
 
-    /// The board, as `GetInfo` answers. Not for the bus thread: it may wait for the socket's.
+    /// The board, as `GetInfo` answers. The bus thread must not call this: it could then wait for the socket's thread.
     #[must_use]
     pub fn board(&self) -> BoardInfo {
         self.board.lock().unwrap_or_else(PoisonError::into_inner).clone()

@@ -12,8 +12,8 @@ use crate::mirror::GatherClock;
 pub enum Job {
     /// Hand a control panel request to the board; done when the board has taken it.
     Panel(PanelRequest),
-    /// Stop these motors, whose held jog is over. Not those whose loop is open: a stop closes it, and a killed motor must stay
-    /// killed.
+    /// Stop these motors, whose held jog is over. Leave out the motors whose loop is open: a stop would close the loop,
+    /// and a killed motor must stay killed.
     EndHold(Motors),
     /// Set a coordinate system's feed rate override, or stop overriding it.
     Override {
@@ -22,58 +22,58 @@ pub enum Job {
         /// The override, or `None` to leave the board's own.
         value: Option<FeedOverride>,
     },
-    /// Write words, ascending; of each only the bits set in its mask (others keep what they are).
+    /// Write words, ascending. Change only the bits in each word's mask.
     Write {
         /// The first word.
         first: HostOffset,
         /// Values and masks.
         words: Vec<MaskedWord>,
-        /// Also where an automatic function or a buffer owns the words.
+        /// Write the words even if an automatic function or a buffer owns them.
         anywhere: bool,
     },
-    /// Have PMAC copy these registers in the background, instead of those it copied before; none stops it.
+    /// Have PMAC copy these registers in the background, in place of the earlier ones. An empty list ends the copying.
     WatchVariables(Vec<VariableEntry>),
     /// Have PMAC write registers, in their order; done when it has.
     WriteVariables(Vec<WriteRecord>),
-    /// Follow the gather buffer that was just defined, from its first sample on, into the segment.
+    /// Follow the newly defined gather buffer, from its first sample on, into the segment.
     GatherBegin {
         /// The buffer.
         buffer: GatherBuffer,
-        /// By which clock the board's turns in it are counted.
+        /// The clock that counts the board's turns in the buffer.
         clock: GatherClock,
     },
-    /// The board gathers no more: publish what is left.
+    /// The board gathers no more: publish the rest.
     GatherEnd,
     /// Set a rotary buffer up, empty.
     RotaryOpen {
-        /// Which buffer, by its place in [`crate::map::RotaryHeaders`].
+        /// The buffer, by its place in [`crate::map::RotaryHeaders`].
         buffer: usize,
-        /// Its first word; where the plan has it when not given.
+        /// The buffer's first word; if `None`, as the plan has it.
         start: Option<HostOffset>,
-        /// Its size in longs; what the plan keeps for it when not given.
+        /// The buffer's size in longs; if `None`, the size that the plan keeps for it.
         size_longs: Option<u32>,
         /// The coordinate system, from 1.
         coordinate_system: u8,
-        /// What the header calls coordinate system 1.
+        /// The header's number for coordinate system 1.
         coordinate_system_base: u8,
     },
-    /// Put lines into a rotary buffer, as there is room; done when the last one is in.
+    /// Put lines into a rotary buffer as it has room; done when the last line is in.
     RotarySend {
-        /// Which buffer, by its place in [`crate::map::RotaryHeaders`].
+        /// The buffer, by its place in [`crate::map::RotaryHeaders`].
         buffer: usize,
-        /// The number the first of them has to have, counted from 0 since the buffer was set up.
+        /// The number that the first line has to have, counted from 0 since the daemon has set up the buffer.
         first: Option<u64>,
         /// The commands of each line, two words a command.
         lines: Vec<Vec<(u32, u32)>>,
     },
-    /// No line will follow: running empty is no underrun any more.
+    /// No line will follow: an empty buffer is no underrun any more.
     RotaryFinish(usize),
-    /// How far a rotary buffer is. Answered by [`super::queue::Event::Rotary`].
+    /// Tell a rotary buffer's progress. [`super::queue::Event::Rotary`] is the answer.
     RotaryState(usize),
 }
 
 impl Job {
-    /// The function that it is for; `None`: words that an engineer writes.
+    /// The job's function; `None` for words that an engineer writes.
     #[must_use]
     pub const fn function(&self) -> Option<Function> {
         match self {
@@ -88,7 +88,7 @@ impl Job {
         }
     }
 
-    /// Whether it only stops motors that jog.
+    /// Whether the job only stops motors that jog.
     #[must_use]
     pub fn is_stop(&self) -> bool {
         match self {
@@ -99,7 +99,7 @@ impl Job {
     }
 }
 
-/// A word to write, and which of its bits.
+/// A word to write, and the bits to change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MaskedWord {
     /// The value.

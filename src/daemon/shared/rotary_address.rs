@@ -1,16 +1,16 @@
-//! Which coordinate system is addressed while the rotary buffers are open for text: the next program line enters the rotary buffer of
-//! that one (Software Reference p. 273), whoever has addressed it. So what somebody else addresses meanwhile is put back before the next
-//! line of who opened the buffers.
+//! Follows the addressed coordinate system while the rotary buffers are open for text. The next program line enters the
+//! rotary buffer of the addressed system (Software Reference p. 273), whoever has addressed it. So the daemon puts the
+//! opener's address back before the opener's next line if another sender has changed the address.
 
 use super::writer::Writer;
 use crate::language::Meaning;
 
-/// The step before a line goes.
+/// The daemon's step before it sends a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AddressFirst {
-    /// The board is asked what is addressed.
+    /// The daemon asks the board which system it addresses.
     Ask,
-    /// This coordinate system is addressed again.
+    /// The daemon addresses this coordinate system again.
     PutBack(u32),
     /// The address is unknown: the daemon does not send the line.
     Unknown,
@@ -19,16 +19,17 @@ pub enum AddressFirst {
 /// Follows the addresses of a board's lines from the line on that has opened the rotary buffers.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct RotaryAddress {
-    /// The opener's coordinate system, as the board said.
+    /// The opener's coordinate system, by the board's answer.
     told: Option<u32>,
-    /// The board was asked, and did not tell.
+    /// The daemon has asked the board, and the board has not told.
     is_untold: bool,
-    /// The client that has addressed another system since.
+    /// The client that has addressed another system since then.
     moved_by: Option<Writer>,
 }
 
 impl RotaryAddress {
-    /// What has to be done before `writer` sends `line`, where `opener` has opened the buffers; `enters`: it enters them, and may.
+    /// The step before `writer` sends `line` while the buffers of `opener` are open. `enters`: the line enters the
+    /// buffers, and may.
     pub(super) fn before(
         &self,
         line: &Meaning,
@@ -45,7 +46,7 @@ impl RotaryAddress {
         (moves && is_unasked).then_some(AddressFirst::Ask)
     }
 
-    /// `writer` sends `line`, where `opener` has opened the buffers.
+    /// `writer` sends `line` while the buffers of `opener` are open.
     pub(super) fn goes(&mut self, line: &Meaning, writer: Writer, opener: Writer) {
         if !line.addresses_system || writer == Writer::Stop && line.ends_with_system {
             return;
@@ -61,19 +62,19 @@ impl RotaryAddress {
         self.moved_by = Some(writer);
     }
 
-    /// The board tells what is addressed, or does not.
+    /// The board has told the addressed system, or has failed to.
     pub(super) fn told(&mut self, system: Option<u32>) {
         self.told = system;
         self.is_untold = system.is_none();
     }
 
-    /// The opener's coordinate system is addressed again.
+    /// The daemon has addressed the opener's coordinate system again.
     pub(super) fn is_back(&mut self) {
         self.moved_by = None;
     }
 }
 
-/// Whether what one of the two has addressed is what the other one means: by hand, one user's commands are one.
+/// Whether both writers mean the same address: the commands that one user sends by hand count as one writer's.
 fn is_same(one: Writer, other: Writer) -> bool {
     match (one, other) {
         (Writer::Hand(one), Writer::Hand(other)) => one.uid == other.uid,

@@ -12,10 +12,10 @@ use crate::protocol::board::Replay;
 use crate::protocol::{CommandLinesInfo, Enabled, HostPortCounts, State};
 use crate::segment::identity::{BOARD_TYPE_BYTES, FIRMWARE_BYTES};
 
-/// How many I-variables are watched for changes by somebody else.
+/// How many I-variables the daemon watches for another host's changes.
 pub const CHANGES: usize = 8;
 
-/// An I-variable that somebody else has changed.
+/// An I-variable that another host has changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Change {
     /// Its number.
@@ -24,41 +24,42 @@ pub struct Change {
     pub was: u32,
     /// Its value now.
     pub is: u32,
-    /// When the board told the value before for the last time.
+    /// When the board last told the value before.
     pub since: Instant,
 }
 
-/// What the bus thread knows of its board, each part as its owner told it last. Held in place: passing it on allocates nothing.
+/// The bus thread's knowledge of its board, each part as its owner last told it. Held in place: passing it on allocates
+/// nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct BoardStatus {
     /// Whether the segment's data can be trusted.
     pub state: State,
     /// The automatic functions at work.
     pub enabled: Enabled,
-    /// Of the queue of command lines.
+    /// The status of the queue of command lines.
     pub lines: LinesStatus,
-    /// Of the reports, about the motors.
+    /// The status of the motors, from the reports.
     pub motors: MotorsStatus,
-    /// Whether the board gathers, as a report tells; `None` while no report tells.
+    /// Whether the board gathers; `None` while no report tells.
     pub gathers: Option<bool>,
     /// The coordinate systems that run a motion program; `None` while no report tells of all.
     pub programs_run: Option<Systems>,
-    /// Which functions are used.
+    /// The functions that the daemon uses.
     pub uses: FunctionUse,
     /// Counts of the host port's interrupts.
     pub host_port: HostPortCounts,
     /// A replay's state; `None` for a board.
     pub replay: Option<Replay>,
-    /// Resets of the board seen since the start.
+    /// The resets of the board that the daemon has seen since its start.
     pub resets: u32,
-    /// What the board said, or the configuration says; `None` as long as the bus thread has not told.
+    /// The identity that the board or the configuration tells; `None` until the bus thread has told it.
     pub identity: Option<KnownIdentity>,
 }
 
-/// The part of the queue of command lines.
+/// The status of the queue of command lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LinesStatus {
-    /// The part for every client.
+    /// The part that every client may see.
     pub info: CommandLinesInfo,
     /// Since when the board has answered no line.
     pub silent_since: Option<Instant>,
@@ -66,33 +67,33 @@ pub struct LinesStatus {
     pub changes: [Option<Change>; CHANGES],
     /// The program buffer that is open.
     pub buffer: Standing,
-    /// The command that holds the port: one that was given up, or a slow line.
+    /// The command that holds the port: a given-up command, or a slow line.
     pub holds_port: Option<GivenUp>,
-    /// The I-variables that switch functions on, as the board answered.
+    /// The I-variables that switch functions on, by the board's answers.
     pub enabling: Enabling,
 }
 
 /// The motors, as the reports describe them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct MotorsStatus {
-    /// Which of them move.
+    /// The motors that move.
     pub motion: Motion,
-    /// Their loop is open, as far as that is known for sure.
+    /// The motors whose loop is known for sure to be open.
     pub open_loops: Motors,
-    /// A jog would close their loop. Use this to refuse jogs, never to skip a stop: it may be out of date.
+    /// The motors whose loop a jog would close. Use this to refuse jogs, never to skip a stop: it may be out of date.
     pub loops_left_open: Motors,
-    /// The report leaves them out until it is known where M-variables point.
+    /// The motors that the report leaves out until the daemon knows where M-variables point.
     pub loops_untold: Motors,
 }
 
-/// Whether functions are switched on, where the board was asked since something may have changed it.
+/// Whether functions are switched on, if the daemon has asked the board since something may have changed the answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Enabling {
     /// The control panel: I2=3.
     pub panel: Option<bool>,
     /// Background variables: I55=1.
     pub variables: Option<bool>,
-    /// When the board was asked.
+    /// When the daemon asked the board.
     pub asked: Option<Instant>,
 }
 
