@@ -1,4 +1,4 @@
-//! What the bus thread waits for, in one poll: its end, commands, interrupts.
+//! The descriptors that the bus thread waits for in one poll: its end, commands, interrupts.
 
 use std::os::fd::BorrowedFd;
 use std::time::Duration;
@@ -6,14 +6,14 @@ use std::time::Duration;
 use nix::poll::{PollFd, PollFlags, ppoll};
 use nix::sys::time::TimeSpec;
 
-/// The interrupts of the ports for command lines, where there are some: the DPRAM's, and the two of the mailboxes.
+/// The interrupts of the ports for command lines, if they have some: the DPRAM's, and the two of the mailboxes.
 pub type Interrupts<T> = [Option<T>; 3];
 
-/// What is waited for.
+/// The descriptors to wait for.
 pub struct Descriptors<'a> {
     /// The thread's end.
     pub stop: BorrowedFd<'a>,
-    /// Commands, if some would be taken.
+    /// Commands, if the bus thread would take some.
     pub commands: Option<BorrowedFd<'a>>,
     /// Interrupts.
     pub interrupts: Interrupts<BorrowedFd<'a>>,
@@ -22,22 +22,22 @@ pub struct Descriptors<'a> {
 /// Which descriptors became readable.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Readable {
-    /// The thread shall end.
+    /// The thread has to end.
     pub stop: bool,
     /// Commands wait.
     pub commands: bool,
     /// The DPRAM's interrupt came.
     pub interrupt: bool,
-    /// One of the mailboxes' interrupts came.
+    /// An interrupt of the mailboxes came.
     pub mailbox: bool,
 }
 
 impl Descriptors<'_> {
-    /// Waits so long, or until there is something to read.
+    /// Waits for `timeout`, or until a descriptor is readable.
     #[must_use]
     pub fn wait(&self, timeout: Duration) -> Readable {
         let Self { stop, commands, interrupts: [interrupt, taken, reply] } = *self;
-        // The kernel takes longer with each descriptor: it gets only those that are there.
+        // The kernel takes longer with each descriptor, so it gets only those that are there.
         let mut watched = std::array::from_fn::<_, 5, _>(|_| PollFd::new(stop, PollFlags::POLLIN));
         let mut count = 0;
         let places = [Some(stop), commands, interrupt, taken, reply].map(|fd| {

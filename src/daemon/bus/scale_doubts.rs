@@ -1,4 +1,4 @@
-//! Which motors' scales a command line may change: until the board has told them again, they are not known.
+//! Which motors' scales a command line may change: the daemon does not know these until the board has told them again.
 
 use crate::language::Meaning;
 use crate::language::settings::Settings;
@@ -13,10 +13,10 @@ pub fn scale_tables(identity: &mut Identity) -> [&mut [Option<i32>]; IVariables:
     [&mut identity.ix07, &mut identity.ix08, &mut identity.ix09, &mut identity.ix60]
 }
 
-/// What is in doubt.
+/// The values in doubt.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ScaleDoubts {
-    /// Of each of [`IVariables::SCALES`] the motors whose value is.
+    /// For each of [`IVariables::SCALES`], the motors whose value is in doubt.
     motors: [Motors; IVariables::SCALES.len()],
     /// I10, which is the scale of velocities in seconds and of the feed rate override.
     servo_period: bool,
@@ -25,9 +25,9 @@ pub struct ScaleDoubts {
 impl ScaleDoubts {
     const ALL: Self = Self { motors: [Motors::ALL; IVariables::SCALES.len()], servo_period: true };
 
-    /// The scales that a line may change: those that it sets by number; all of them where it gives a range or an expression,
-    /// or resets the board. `None` after a line that leaves every answer of the board to [`super::identify`] as it is. A jog (J=), P, Q
-    /// and M come too often to ask all questions after each.
+    /// The scales that a line may change: those that it sets by number, or all if it gives a range or an expression, or
+    /// resets the board. `None` after a line that leaves every answer of the board to [`super::identify`] as it is. A
+    /// jog (J=), P, Q and M come too often to ask all questions after each.
     #[must_use]
     pub fn of(line: &Meaning) -> Option<Self> {
         let Settings { any, several, scales, .. } = line.settings;
@@ -38,7 +38,7 @@ impl ScaleDoubts {
         (any || line.has_address).then_some(doubts)
     }
 
-    /// More doubts.
+    /// Adds doubts.
     pub fn add(&mut self, more: Self) {
         for (motors, more) in self.motors.iter_mut().zip(more.motors) {
             motors.add(more);
@@ -50,7 +50,7 @@ impl ScaleDoubts {
     #[must_use]
     pub fn leave_out(self, mut identity: Identity) -> Identity {
         if self.servo_period {
-            // The period by which the reports are awaited stays: that clock finds a change by itself.
+            // The period by which the daemon awaits the reports stays: that clock finds a change by itself.
             identity.i10 = None;
         }
         for (table, motors) in scale_tables(&mut identity).into_iter().zip(self.motors) {

@@ -1,8 +1,8 @@
-//! How many lines of a kind the log gets within a time. The others are counted.
+//! How many lines of a kind the log gets within a time. The daemon counts the other lines.
 
 use std::time::Instant;
 
-/// What is left of the lines until a time.
+/// The lines of a kind until a time: the logged ones, and the others.
 #[derive(Debug, Clone, Copy)]
 pub struct LogQuota {
     end: Instant,
@@ -11,13 +11,13 @@ pub struct LogQuota {
 }
 
 impl LogQuota {
-    /// Nothing was logged yet of what counts until `end`.
+    /// No lines yet; the quota counts until `end`.
     #[must_use]
     pub const fn until(end: Instant) -> Self {
         Self { end, told: 0, untold: 0 }
     }
 
-    /// Whether one more line may be logged, of `most`. Counts it.
+    /// Whether the log may get another line, of `most`. Counts the line.
     pub fn may_tell(&mut self, most: u32) -> bool {
         let may = self.told < most;
         self.told += u32::from(may);
@@ -25,19 +25,19 @@ impl LogQuota {
         may
     }
 
-    /// When it is over.
+    /// When the quota is over.
     #[must_use]
     pub const fn end(&self) -> Instant {
         self.end
     }
 
-    /// Lines that were logged.
+    /// How many lines the log got.
     #[must_use]
     pub const fn told(&self) -> u32 {
         self.told
     }
 
-    /// Lines that were only counted.
+    /// How many lines the quota kept from the log.
     #[must_use]
     pub const fn untold(&self) -> u64 {
         self.untold

@@ -1,4 +1,4 @@
-//! Whose a command is, as others are told who have to wait for it.
+//! The origin of a command, for the texts to the clients that have to wait for it.
 
 use std::time::Instant;
 
@@ -8,10 +8,10 @@ use crate::language::password::without_password;
 
 /// The longest reason of a refusal.
 pub const REASON_MAX: usize = 480;
-/// As much of a line as others are told who have to wait for it.
+/// The most of a line that such a client sees.
 const SHOWN_MAX: usize = 60;
 
-/// Whose line it is, and what others are told of it.
+/// A line's origin, and the text that other clients see.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Origin {
     /// The user.
@@ -25,25 +25,25 @@ pub struct Origin {
 }
 
 impl Origin {
-    /// Of `line`, which user `uid` sends.
+    /// The origin of `line`, which user `uid` sends.
     #[must_use]
     pub fn of(uid: u32, line: &Line, stays: bool) -> Self {
         Self { uid, shown: Text::of(&without_password(line)), stays, may_move: line.meaning.may_move }
     }
 }
 
-/// A command that the board works on, or that was given up. Nothing else is sent until the board has shown that it works on it
-/// no more.
+/// A command that the board works on, or that the daemon has given up. The daemon sends nothing else until the board
+/// has shown that it no longer works on this command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GivenUp {
-    /// Whose it was.
+    /// The command's origin.
     pub by: Origin,
-    /// When it was sent.
+    /// When the daemon sent the command.
     pub since: Instant,
 }
 
 impl GivenUp {
-    /// Why nothing else was sent.
+    /// Why the daemon sent nothing else.
     #[must_use]
     pub fn reason(&self, now: Instant) -> Text<REASON_MAX> {
         let Self { by: Origin { uid, shown, .. }, since } = self;

@@ -18,7 +18,7 @@ pub fn inside(
     if fits { Ok(offset) } else { Err(CallError::OutOfRange) }
 }
 
-/// Whether `number` is one of `count`, which count from 1; `name` is the parameter's.
+/// Checks that `number` is from 1 to `count`; `name` is the parameter's.
 pub fn check_number(number: usize, count: usize, name: &str) -> Result<(), CallError> {
     let is_one = (1..=count).contains(&number);
     if is_one { Ok(()) } else { Err(CallError::invalid(name, format_args!("1 to {count}, not {number}"))) }

@@ -1,15 +1,15 @@
-//! A trouble that is met again and again, and logged once.
+//! A trouble that comes again and again, and that the log gets once.
 
 use std::fmt::Display;
 
 use log::{Level, log};
 
-/// What was logged of it last, while it lasts.
+/// The log's last entry on the trouble, while the trouble lasts.
 #[derive(Debug, Default)]
 pub struct Trouble(Option<String>);
 
 impl Trouble {
-    /// Logs `result` of an attempt that is made every second, where it differs from that of the last one.
+    /// Logs the `result` of an attempt made every second, if it differs from the last attempt's.
     pub fn note(&mut self, result: Result<(), impl Display>) {
         if let Some((level, text)) = self.change(result.err().map(|error| error.to_string())) {
             log!(level, "{text}");

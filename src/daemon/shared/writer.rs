@@ -2,36 +2,37 @@
 
 use std::fmt;
 
-/// A user and a process of his.
+/// A user and a process of that user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Account {
     /// The user.
     pub uid: u32,
-    /// The process; 0 when it is not known.
+    /// The process; 0 if it is unknown.
     pub pid: i32,
 }
 
 /// The sender of a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Writer {
-    /// Somebody who wants to know something: the daemon, or a program by the way. Such a line enters no buffer.
+    /// A sender that only asks: the daemon, or a program by the way. Such a line enters no buffer.
     Question,
-    /// The daemon, who stops a motor or a program. Such a line goes whatever is open, and addresses again what was addressed.
+    /// The daemon, which stops a motor or a program. It sends such a line whatever is open, and the line restores the
+    /// address.
     Stop,
     /// A user, by hand.
     Hand(Account),
-    /// A user, by hand, into the buffer that this process of his has open, or opens. Where it is closed, the board would carry the line
-    /// out at once.
+    /// A user, by hand, into the buffer that this process of the user has open, or opens. If the buffer is closed, the
+    /// board would carry the line out at once.
     IntoBuffer(Account),
-    /// A user, by hand, beside every buffer: such a line enters none, not even one that he has open, and opens none.
+    /// A user, by hand, beside every buffer: such a line enters no buffer, not even the user's own, and opens none.
     Beside,
     /// A sequence of the daemon's.
     Sequence {
-        /// Its number.
+        /// The sequence's number.
         number: u64,
-        /// For whom it runs.
+        /// The account for which the sequence runs.
         account: Account,
-        /// Its lines so far have opened a buffer that it has not closed.
+        /// The sequence's lines so far have opened a buffer, and have not closed it.
         inside: bool,
     },
 }

@@ -1,8 +1,9 @@
-//! The ports for command lines: the DPRAM's ASCII buffers and the VME mailboxes. A sender need not know which.
+//! The ports for command lines: the DPRAM's ASCII buffers and the VME mailboxes. A sender need not know which port
+//! carries its line.
 //!
-//! Where the mailboxes are the fallback, the daemon asks the board through them for I58, which tells whether the board looks at the
-//! DPRAM's buffers. A line moves to the mailboxes only if the board left it unread before and after that question, so that the board
-//! carries no line out twice.
+//! If the mailboxes are the fallback, the daemon asks the board through them for I58, which tells whether the board
+//! looks at the DPRAM's buffers. A line moves to the mailboxes only if the board left it unread before and after that
+//! question, so that the board carries no line out twice.
 
 use std::time::Instant;
 
@@ -19,16 +20,16 @@ use crate::protocol::CommandPort;
 /// The open question about the last command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Doubt {
-    /// Where its reply ends, or whether an error was its own or a program's. The reply to the next line settles that: the board
-    /// answers lines in their order.
+    /// Where the command's reply ends, or whether an error was the command's own or a program's. The reply to the next
+    /// line settles that: the board answers lines in their order.
     ItsEnd,
-    /// Whether the board is still at it, or has more to say.
+    /// Whether the board still works on the command, or has more to say.
     WhatComes,
 }
 
-/// The ports, and which of them lines go through.
+/// The ports, and the choice of the port that carries lines.
 pub struct CommandPorts {
-    /// The DPRAM's.
+    /// The DPRAM's port.
     pub dpram: DpramPort,
     /// The mailbox circuit, on a board that has one.
     pub mailbox: Option<MailboxDriver>,
@@ -37,10 +38,10 @@ pub struct CommandPorts {
     enable: String,
     /// Responses taken from the DPRAM.
     responses: u64,
-    /// Open until the board answers a probe: a command was abandoned, by this host or the last one, or a response that may be
-    /// another's ended it.
+    /// Open until the board answers a probe: this host or the last one has abandoned a command, or a response that may
+    /// be another command's ended it.
     doubt: Option<Doubt>,
-    /// No client has sent anything yet, and until one does the daemon asks nothing.
+    /// No client has sent anything yet; until a client does, the daemon asks nothing.
     is_unused: bool,
 }
 
@@ -60,7 +61,7 @@ impl CommandPorts {
         }
     }
 
-    /// Another host may have left the board at a line.
+    /// These ports after another host, which may have left the board at a line.
     #[must_use]
     pub fn after_another_host(mut self, now: Instant) -> Self {
         self.rest(now);
@@ -87,7 +88,7 @@ impl CommandPorts {
         self.in_use
     }
 
-    /// Has lines go through another port from now on. Nothing may be under way.
+    /// Moves lines to `port` from now on. No command may be under way.
     pub const fn change(&mut self, port: CommandPort) {
         self.in_use = port;
     }
@@ -109,7 +110,8 @@ impl CommandPorts {
         }
     }
 
-    /// Clears another host's line that keeps ours from beginning: the board must not carry it out by surprise later.
+    /// Clears another host's line that keeps the daemon's lines from beginning: the board must not carry that line
+    /// out by surprise later.
     ///
     /// # Errors
     /// [`PortError`].
@@ -126,21 +128,22 @@ impl CommandPorts {
         self.doubt();
     }
 
-    /// The board has taken `^X` and clears its words, sooner or later: also those of a line that would lie there by then.
+    /// The board has taken `^X`, and sooner or later clears its words, also those of a line that is in them
+    /// by then.
     pub fn follow_cancel(&mut self, now: Instant) {
         if self.in_use == CommandPort::Dpram {
             self.rest(now);
         }
     }
 
-    /// Whether the board may still work on an abandoned command, whose reply would pass for the next one's. The reply to a probe
-    /// ends the doubt: the board answers lines in their order.
+    /// Whether the board may still work on an abandoned command, whose reply would pass for the next command's. The
+    /// reply to a probe ends the doubt: the board answers lines in their order.
     #[must_use]
     pub const fn in_doubt(&self) -> bool {
         self.doubt.is_some()
     }
 
-    /// A reply may have been another command's, and the next one as well.
+    /// A reply may have been another command's, and the next reply as well.
     pub const fn doubt(&mut self) {
         self.doubt = Some(Doubt::WhatComes);
     }
@@ -150,7 +153,7 @@ impl CommandPorts {
         self.doubt = self.doubt.or(Some(Doubt::ItsEnd));
     }
 
-    /// Whether nothing is in doubt but where the command's reply ends.
+    /// Whether nothing is in doubt except where the command's reply ends.
     #[must_use]
     pub fn only_end_in_doubt(&self) -> bool {
         self.doubt == Some(Doubt::ItsEnd)
@@ -224,7 +227,7 @@ impl CommandPorts {
             .is_some_and(|mailbox| mailbox.when() == MailboxUse::Fallback && mailbox.is_connected())
     }
 
-    /// Whether something is expected from the board.
+    /// Whether the daemon expects something from the board.
     #[must_use]
     pub fn is_waiting(&self) -> bool {
         self.mailbox.as_ref().is_some_and(MailboxDriver::is_asking) || !self.current().is_idle()
@@ -244,13 +247,13 @@ impl CommandPorts {
         &self.enable
     }
 
-    /// The DPRAM's page, where it has one, to be written after every reset.
+    /// The DPRAM's page, if it has one. The daemon writes the page after every reset.
     #[must_use]
     pub fn page(&self) -> Option<u8> {
         self.mailbox.as_ref().and_then(MailboxDriver::page)
     }
 
-    /// Writes the DPRAM's page, where it has one. The page it has already does no harm.
+    /// Writes the DPRAM's page, if it has one. Writing the right page again does no harm.
     ///
     /// # Errors
     /// [`PortError`].
@@ -258,8 +261,8 @@ impl CommandPorts {
         Ok(self.mailbox.as_mut().map_or(Ok(()), MailboxDriver::select_page)?)
     }
 
-    /// Asks the board for I58 through the mailboxes; false: not now. I58 would enter an open program buffer, so while the daemon does
-    /// not know of one, this asks for the buffer instead.
+    /// Asks the board for I58 through the mailboxes; false: not now. I58 would enter an open program buffer: while the
+    /// daemon does not know about a buffer, it asks for the buffer instead.
     ///
     /// # Errors
     /// [`PortError`].
@@ -272,7 +275,7 @@ impl CommandPorts {
         })
     }
 
-    /// The board's answer to that, once.
+    /// The board's answer to `question`, once.
     pub fn take_answer(&mut self, question: MailboxQuestion) -> Option<MailboxAnswer> {
         self.mailbox.as_mut()?.take_answer(question)
     }

@@ -1,8 +1,9 @@
 //! The interrupt controller behind the board's host port, served in the one order that loses nothing.
 //!
-//! The response is read and 0 written to `response_control` first; then the interrupt is acknowledged here, then `response_control` looked
-//! at once more. An interrupt with `response_control` = 0, of a response that was found by looking, is an old one: it is counted and
-//! acknowledged, or the controller would give no other.
+//! The daemon first reads the response and writes 0 to `response_control`; then it acknowledges the interrupt here, and
+//! looks at `response_control` once more. An interrupt with `response_control` = 0, of a response that the daemon found
+//! by a poll, is an old one. The daemon counts and acknowledges such an interrupt, or the controller would give no
+//! other.
 
 use std::time::Instant;
 
@@ -23,13 +24,14 @@ use crate::protocol::HostPortCounts;
 pub struct HostPortDriver {
     config: HostPortConfig,
     registers: Counted<Box<dyn ByteBus>>,
-    /// Whether the line was open before we opened it; `None` while we have not.
+    /// Whether the line was open before the daemon opened it; `None` until the daemon has opened it.
     was_open: Option<bool>,
-    /// An interrupt came that was not acknowledged yet; the value is the number of responses taken before it.
+    /// An interrupt came that the daemon has not acknowledged yet; the value is the number of responses taken before
+    /// it.
     pending: Option<u64>,
-    /// Responses taken when the line was acknowledged last.
+    /// The responses taken at the last acknowledgement.
     acknowledged: u64,
-    /// When a response was first seen taken whose interrupt has not come.
+    /// When the daemon first noticed a response taken whose interrupt has not come.
     unannounced_since: Option<Instant>,
     counts: HostPortCounts,
 }
@@ -51,7 +53,7 @@ impl HostPortDriver {
         })
     }
 
-    /// What was counted since the start.
+    /// The counts since the start.
     #[must_use]
     pub fn counts(&self) -> HostPortCounts {
         self.counts
@@ -63,7 +65,7 @@ impl HostPortDriver {
         &self.config.port
     }
 
-    /// Its name in `GetInfo`.
+    /// The controller's name in `GetInfo`.
     #[must_use]
     pub fn name(port: &HostPort) -> &'static str {
         match port.controller {
@@ -104,7 +106,7 @@ impl HostPortDriver {
         self.enable().map_err(|error| error.to_string())
     }
 
-    /// Shuts the line, unless it was open before we came.
+    /// Shuts the line, unless it was open before the daemon came.
     ///
     /// # Errors
     /// When the registers cannot be reached.
@@ -121,9 +123,9 @@ impl HostPortDriver {
         self.pending.get_or_insert(responses);
     }
 
-    /// After responses have been taken: acknowledges what is to be acknowledged. True when another response lies there. While
-    /// one is `held_up`, because nobody has room for it, the line would only be raised again, so nothing is done. At most 2
-    /// reads of the DPRAM and 1 write of a register; nothing without an interrupt.
+    /// Acknowledges the interrupt, if that is due after the daemon has taken responses. True if another response is
+    /// there. While a response is `held_up` for want of room, the line would only rise again, so the daemon does
+    /// nothing. At most 2 reads of the DPRAM and 1 write of a register; nothing without an interrupt.
     ///
     /// # Errors
     /// [`PortError`].
@@ -160,7 +162,8 @@ impl HostPortDriver {
         self.config.port.acknowledge(&mut self.registers)
     }
 
-    /// A response was taken and its interrupt does not come: the controller waits for us, we for it.
+    /// The daemon has taken a response, and its interrupt does not come: the controller waits for the daemon, and the
+    /// daemon for the controller.
     fn serve_unannounced(&mut self, responses: u64, now: Instant) -> Result<(), ByteBusError> {
         if responses == self.acknowledged {
             return Ok(());

@@ -9,15 +9,15 @@ use crate::daemon::bus::timing::INTERRUPT_RECONNECT;
 use crate::device::interrupt::Taken;
 use crate::device::{Interrupt, InterruptSource};
 
-/// More wakes than this in a second are no responses of a board: something keeps the line raised.
+/// More wakes than this in a second are not from a board's responses: something keeps the line raised.
 const STORM: u32 = 10_000;
 
-/// A connection that is made again when it breaks.
+/// A connection that the daemon makes again when it breaks.
 pub struct InterruptLink {
     /// Where to connect again; `None` for the interrupt of the board's own device, which comes back with the board.
     source: Option<InterruptSource>,
     interrupt: Option<Interrupt>,
-    /// When to try; at once where it never was.
+    /// When to try next; `None` before the first try, which comes at once.
     next_try: Option<Instant>,
     complained: bool,
     /// Interrupts that came without an announcement of their own, so far.
@@ -25,7 +25,7 @@ pub struct InterruptLink {
     rate: Rate,
 }
 
-/// Counts wakes, to see when they come faster than anybody has something to say.
+/// Counts wakes, to see when they come faster than a board can have responses.
 #[derive(Debug, Default)]
 struct Rate {
     since: Option<Instant>,
@@ -33,7 +33,7 @@ struct Rate {
 }
 
 impl Rate {
-    /// One more, at `now`. True if the last [`STORM`] took less than a second.
+    /// Counts a wake at `now`. True if the last [`STORM`] wakes took less than a second.
     fn is_storm(&mut self, now: Instant) -> bool {
         self.wakes += 1;
         let since = *self.since.get_or_insert(now);
@@ -47,25 +47,25 @@ impl Rate {
 }
 
 impl InterruptLink {
-    /// Not connected yet; the first [`InterruptLink::tend`] tries.
+    /// A link not connected yet; the first [`InterruptLink::tend`] tries.
     #[must_use]
     pub fn new(source: InterruptSource) -> Self {
         Self { source: Some(source), ..Self::of_board(None) }
     }
 
-    /// Open already, and opened again from `source` when it breaks.
+    /// An open link; the daemon opens it again from `source` when it breaks.
     #[must_use]
     pub fn opened(source: InterruptSource, interrupt: Interrupt) -> Self {
         Self { source: Some(source), ..Self::of_board(Some(interrupt)) }
     }
 
-    /// The interrupt of the board's own device, if it has one that can be used.
+    /// The interrupt of the board's own device, if the device has a usable one.
     #[must_use]
     pub fn of_board(interrupt: Option<Interrupt>) -> Self {
         Self { source: None, interrupt, next_try: None, complained: false, missed: 0, rate: Rate::default() }
     }
 
-    /// The board was opened again: its device's own interrupt takes the place of the former one.
+    /// The daemon has opened the board again: its device's own interrupt takes the place of the former one.
     pub fn replace(&mut self, interrupt: Option<Interrupt>) {
         if self.source.is_none() {
             self.interrupt = interrupt;
@@ -78,7 +78,7 @@ impl InterruptLink {
         self.interrupt.is_some()
     }
 
-    /// Readable when an interrupt waits.
+    /// The descriptor, readable while an interrupt waits.
     #[must_use]
     pub fn descriptor(&self) -> Option<BorrowedFd<'_>> {
         self.interrupt.as_ref().map(Interrupt::descriptor)
@@ -125,7 +125,7 @@ impl InterruptLink {
         }
         if taken.disarmed {
             warn!("the interrupt cannot be armed again; looking for responses instead");
-            // Opening it again would end the same way.
+            // Another opening would end the same way.
             self.source = None;
         }
         let storms = taken.interrupts > 0 && self.rate.is_storm(now);
@@ -141,8 +141,8 @@ impl InterruptLink {
         taken
     }
 
-    /// Says at the first, and then each time their number has doubled, how many interrupts came while the thread was
-    /// busy with others. Nothing is lost by it: a response is looked for after each wake.
+    /// Logs how many interrupts came while the thread was busy with others: at the first, and then each time their
+    /// number has doubled. The daemon loses nothing by that: it looks for a response after each wake.
     fn tell_missed(&mut self, missed: u32) {
         let before = self.missed;
         self.missed += u64::from(missed);

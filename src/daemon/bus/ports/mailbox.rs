@@ -30,7 +30,7 @@ pub enum MailboxQuestion {
     Buffer,
 }
 
-/// The board's answer to such a question.
+/// The board's answer to the daemon's question.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MailboxAnswer {
     question: MailboxQuestion,
@@ -69,7 +69,7 @@ impl MailboxDriver {
     /// `line_limit` characters.
     ///
     /// # Errors
-    /// What could not be opened, why, and what to do.
+    /// Names the registers or interrupt that the daemon cannot open, the reason and the remedy.
     pub fn open(
         config: MailboxConfig,
         line_limit: usize,
@@ -96,7 +96,7 @@ impl MailboxDriver {
     /// Opens the registers again: the board's memory was replaced.
     ///
     /// # Errors
-    /// [`OpenError`]; the registers are the old ones then.
+    /// [`OpenError`]; the old registers then stay.
     pub fn reopen(&mut self) -> Result<(), OpenError> {
         let opened = open(&self.config, &System::here(), &Inherited::default());
         opened.map(|bus| self.registers.replace(bus))

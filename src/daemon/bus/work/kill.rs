@@ -1,10 +1,10 @@
-//! `^K`, as the control panel has to know of it.
+//! `^K`, for the control panel.
 
-/// How far `^K` is, which kills every motor.
+/// The progress of `^K`, which kills every motor.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Kill {
-    /// One waits, or lies in its word.
+    /// A `^K` waits, or is in its word.
     pub is_under_way: bool,
-    /// How many the board has taken.
+    /// How many `^K` the board has taken.
     pub taken: u64,
 }

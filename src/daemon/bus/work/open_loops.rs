@@ -1,29 +1,30 @@
-//! Which motors' loops are open: what the servo report says, as far as it is newer than the last panel request.
+//! Which motors' loops are open, by the servo report, if that is newer than the last panel request.
 //!
-//! A jog closes the loop of a killed motor. A report from before that still calls the loop open, and who believed it would
-//! leave a motor moving.
+//! A jog closes the loop of a killed motor. An older report still calls the loop open: a daemon that believed this
+//! report would leave a motor moving.
 //!
-//! While no servo data come, after a reset for one, the background report tells which amplifiers are off: a killed motor's is,
-//! and a jog enables it (status bit "amplifier enabled", Software Reference, on-line `?`).
+//! While no servo data come, for example after a reset, the background report tells which amplifiers are off. A killed
+//! motor's amplifier is off, and a jog enables it (status bit "amplifier enabled", Software Reference, on-line `?`).
 
 use crate::map::Motors;
 
-/// Updates after a request was taken until the report is believed. The first may have been under way.
+/// How many updates after the board took a request the daemon believes the report again. The first update may have been
+/// under way.
 const UPDATES_UNTIL_BELIEVED: u64 = 2;
 
-/// What is known of the motors' loops.
+/// The daemon's knowledge of the motors' loops.
 #[derive(Debug, Default)]
 pub struct OpenLoops {
     servo: LoopReport,
     background: LoopReport,
 }
 
-/// What one report says.
+/// The answer of one report.
 #[derive(Debug, Default)]
 struct LoopReport {
     open: Motors,
     updates: u64,
-    /// Motors of whose loops nothing is known, until that update.
+    /// The motors of whose loops the daemon knows nothing, until that update.
     doubted: Motors,
     until: u64,
 }

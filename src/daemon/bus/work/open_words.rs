@@ -5,18 +5,18 @@ use crate::daemon::shared::queue::Outcome;
 use crate::device::{Bus, BusError};
 use crate::map::HostOffset;
 
-/// Writes words, ascending, of each only the bits of its mask.
+/// Writes words, ascending. Changes only the bits of each word's mask.
 ///
 /// # Errors
 /// When the bus cannot be reached.
 pub fn write(bus: &mut impl Bus, first: HostOffset, words: &[MaskedWord]) -> Result<Outcome, BusError> {
-    // Nothing is written unless all of it can be.
+    // Writes nothing unless it can write all words.
     let end = first.plus_words(words.len()).bytes() as usize;
     if end > bus.length() {
         return Ok(Outcome::OutOfRange);
     }
     for (index, word) in words.iter().enumerate() {
-        // A word of which nothing is to change is not touched: it may be PMAC's.
+        // Leaves a word alone if none of its bits is to change: the word may be PMAC's.
         if word.mask == 0 {
             continue;
         }

@@ -1,16 +1,16 @@
-//! Whether interrupts announce responses. One that is connected may never come: I56 is 0, the jumper is missing, or it is another
-//! line.
+//! Whether interrupts announce responses. A connected interrupt may never come: I56 is 0, the jumper is missing, or the
+//! interrupt belongs to another line.
 
 use std::time::Instant;
 
 use crate::daemon::bus::timing::INTERRUPT_APART;
 use crate::function::line_port::AsciiEvent;
 
-/// What the interrupts of the port in use are worth.
+/// The reliability of the interrupts of the port in use.
 #[derive(Debug, Default)]
 pub(super) struct Announced {
     is_connected: bool,
-    /// They have come, and no response without one since.
+    /// Interrupts have come, and since then no response without an interrupt.
     is_proven: bool,
     last: Option<Instant>,
     /// Since when a response waits for its interrupt.
@@ -18,7 +18,7 @@ pub(super) struct Announced {
 }
 
 impl Announced {
-    /// Interrupts can come, or not. Says whether that is new.
+    /// Interrupts can come, or not. Returns whether that is new.
     pub(super) fn connect(&mut self, is_connected: bool) -> bool {
         let is_new = self.is_connected != is_connected;
         if is_new {
@@ -27,12 +27,12 @@ impl Announced {
         is_new
     }
 
-    /// One came.
+    /// An interrupt came.
     pub(super) const fn interrupt(&mut self, now: Instant) {
         (self.is_proven, self.last, self.unannounced) = (true, Some(now), None);
     }
 
-    /// The port told this. Where the board put out a text, an interrupt is to announce it.
+    /// The port has told `event`. If the board put out a text, an interrupt should announce it.
     pub(super) fn see(&mut self, event: &AsciiEvent, now: Instant) {
         if matches!(
             event,
@@ -59,7 +59,7 @@ impl Announced {
         self.is_connected && self.is_proven
     }
 
-    /// Whether responses need not be looked for: none waits for its interrupt.
+    /// Whether the daemon need not poll for responses: none waits for its interrupt.
     pub(super) const fn is_sure(&self) -> bool {
         self.is_proven() && self.unannounced.is_none()
     }

@@ -17,7 +17,7 @@ use crate::protocol::{CommandPort, CommandState};
 /// `^F`.
 const QUESTION: u8 = b'F' - 64;
 
-/// What the daemon knows about that.
+/// The daemon's knowledge of that.
 #[derive(Debug)]
 pub(super) struct Characters {
     not_before: Instant,
@@ -70,7 +70,7 @@ impl AsciiQueue {
         if asked {
             self.start(InFlight::Character, now + CHARACTER_TAKEN, poll);
         } else {
-            // Another control character lies there.
+            // Another control character is in the word.
             self.characters.not_taken(now);
         }
         Ok(asked)

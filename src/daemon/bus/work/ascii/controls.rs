@@ -1,4 +1,4 @@
-//! Control characters: they overtake the lines; one with a reply waits until the port is idle.
+//! Control characters: they overtake the lines; a character with a reply waits until the port is idle.
 
 use std::time::Instant;
 
@@ -13,7 +13,7 @@ use crate::protocol::{CommandPort, CommandState, control};
 use crate::segment::Counter;
 
 impl AsciiQueue {
-    /// Hands over control characters, the first that can go first.
+    /// Hands over control characters, first the oldest that can go.
     pub(super) fn serve_controls(&mut self, bus: &mut impl Bus, poll: Poll<'_>) -> Result<(), PortError> {
         let now = poll.now;
         if let Some((ticket, taken)) = self.control_lost.take() {
@@ -33,14 +33,14 @@ impl AsciiQueue {
             } else if now >= pending.wait.deadline {
                 self.ports.current_mut().withdraw_control(bus, now)?;
                 self.control_pending = None;
-                // One that answered so far may have taken it in this moment.
+                // A board that answered so far may have taken the character at this moment.
                 let taken = self.state != CommandState::Silent;
                 self.fail(poll, pending.ticket, taken);
             }
             return Ok(());
         }
-        // One with a reply has to wait until the port is idle, one without for the line that lies there. What stops a machine
-        // does not wait, nor behind them.
+        // A character with a reply waits until the port is idle. A character without a reply waits for the line in the
+        // port. A character that stops a machine waits neither for that line nor behind other characters.
         let is_idle = self.ports.current().is_idle() && !self.ports.in_doubt();
         let line_lies = self.ports.current().line_lies();
         let ready = |WaitingControl { character, wait, .. }: &WaitingControl| {
@@ -73,7 +73,8 @@ impl AsciiQueue {
                 if let Some(under_way) = self.under_way.as_mut().filter(|_| settles)
                     && self.ports.in_use() == CommandPort::Mailbox
                 {
-                    // It went over a line that lay too long; whether the board had taken that nobody knows.
+                    // The character replaces a line that was in the port too long; nobody knows whether the board had
+                    // taken the line.
                     under_way.deadline = now;
                 }
             }
@@ -81,7 +82,8 @@ impl AsciiQueue {
         Ok(())
     }
 
-    /// Whether the board has a line, or had one that was given up, which may move something when it is carried out.
+    /// Whether the board has a line that may move something once it carries the line out, or had such a line that the
+    /// daemon has given up.
     fn line_may_move(&self) -> bool {
         let unsettled = self.unsettled.as_ref().map(|unsettled| &unsettled.under_way);
         match unsettled.or(self.under_way.as_ref()) {
@@ -93,8 +95,8 @@ impl AsciiQueue {
         }
     }
 
-    /// `character` was handed over, at a board that may carry out a line behind it: a stop goes once more then. `^R` and `^S` cancel
-    /// that.
+    /// The daemon has handed over `character` at a board that may carry out a line behind it. If the character is a
+    /// stop, the daemon then repeats it. `^R` and `^S` cancel the repetition.
     fn stop_again(&mut self, character: u8, behind_line: bool) {
         if matches!(character, control::RUN | control::STEP) {
             self.ports.dpram.forget_stop();
@@ -103,7 +105,7 @@ impl AsciiQueue {
         }
     }
 
-    /// `control` may have gone over one that reports, which is over then.
+    /// `control` may have replaced a character that reports, and so ended that command.
     fn end_overtaken(&mut self, control: &WaitingControl) {
         if let Some(UnderWay { command: InFlight::Control(_) | InFlight::Character, ended_by, .. }) =
             &mut self.under_way
@@ -115,7 +117,7 @@ impl AsciiQueue {
         }
     }
 
-    /// Ends the line under way where `control` goes over it. What ends a sequence stays.
+    /// Ends the line under way if `control` overrides it. A line that ends a sequence stays.
     fn stop_line(
         &mut self,
         bus: &mut impl Bus,
@@ -135,9 +137,9 @@ impl AsciiQueue {
         let stopped = self.ports.current_mut().stop(bus, character, now)?;
         let unsettled = self.unsettled.as_mut().map(|unsettled| &mut unsettled.under_way);
         let Some(under_way) = self.under_way.as_mut().or(unsettled) else { return Ok(()) };
-        // Behind `^X` it ends when the board has taken that.
+        // Behind `^X` the line ends when the board has taken `^X`.
         if stopped != Stopped::Nothing && character != CANCEL {
-            // Where lines of a reply came the board carries out parts.
+            // If lines of a reply have come, the board carries out parts of the line.
             let unsent = stopped == Stopped::Unsent && !under_way.taken;
             under_way.ended_by = Some(EndedBy { uid, character, unsent });
         }

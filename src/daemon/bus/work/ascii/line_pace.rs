@@ -1,32 +1,32 @@
-//! How fast the board puts out the lines of a reply. A board may take tens of milliseconds for each, and a long question of our own
-//! would keep callers' lines waiting.
+//! How fast the board puts out the lines of a reply. A board may take tens of milliseconds for each line, and a long
+//! question of the daemon's own would keep callers' lines waiting.
 
 use std::time::{Duration, Instant};
 
 use crate::daemon::bus::timing::OWN_QUESTION;
 
-/// A reply of fewer lines says nothing.
+/// A reply of fewer lines says nothing about the pace.
 const PACE_LINES: usize = 4;
 
-/// The time from one line of a reply to the next: the shortest, since any other may be this machine's.
+/// The shortest time from one line of a reply to the next: this machine may have caused any longer time.
 #[derive(Debug)]
 pub(super) struct LinePace {
-    /// In the last telling reply.
+    /// The time in the last reply of enough lines.
     known: Duration,
-    /// In the present one.
+    /// The time in the present reply.
     shortest: Duration,
-    /// When the last line of the present reply came, and how many have.
+    /// When the last line of the present reply came, and how many lines have come.
     last: Option<Instant>,
     lines: usize,
 }
 
 impl LinePace {
-    /// Of a board that has not answered yet.
+    /// The pace of a board that has not answered yet.
     pub(super) const fn new() -> Self {
         Self { known: Duration::ZERO, shortest: Duration::MAX, last: None, lines: 0 }
     }
 
-    /// A line is sent to the board.
+    /// The daemon sends a line to the board.
     pub(super) const fn begin(&mut self) {
         if self.lines >= PACE_LINES {
             self.known = self.shortest;
@@ -42,7 +42,7 @@ impl LinePace {
         }
     }
 
-    /// The most lines of a reply to a question of our own.
+    /// The most lines that the reply to a question of the daemon's own may have.
     pub(super) fn most_lines(&self) -> u16 {
         let most = OWN_QUESTION.as_nanos() / self.known.as_nanos().max(1);
         u16::try_from(most).unwrap_or(u16::MAX)

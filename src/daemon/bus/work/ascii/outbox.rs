@@ -5,9 +5,9 @@ use std::collections::VecDeque;
 use super::check::REPLY_LINES;
 use crate::daemon::shared::queue::{Event, Sender};
 
-/// After so many reply lines the socket's thread is woken: a long listing must not fill its queue.
+/// After so many reply lines the daemon wakes the socket's thread: a long listing must not fill its queue.
 const LINES_UNHEARD: u32 = 64;
-/// Most events of one response: the held-back lines, the line that settles them, programs' errors, the end.
+/// The most events of one response: the held-back lines, the line that settles them, programs' errors, the end.
 const AT_ONCE: usize = REPLY_LINES + 4;
 
 /// The events that wait for room.
@@ -24,7 +24,7 @@ impl Default for Outbox {
 }
 
 impl Outbox {
-    /// Whether nothing waits for room.
+    /// Whether no event waits for room.
     pub(super) fn is_empty(&self) -> bool {
         self.events.is_empty()
     }

@@ -13,7 +13,7 @@ use crate::daemon::bus::timing::PAGE_AGAIN;
 use crate::function::line_port::PortError;
 use crate::protocol::CommandState;
 
-/// When the page is written again.
+/// When to write the page again.
 #[derive(Debug, Default)]
 pub(super) struct PageAgain {
     due: Option<Instant>,

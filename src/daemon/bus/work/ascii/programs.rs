@@ -4,19 +4,19 @@
 //! program may unless the background reports say that no coordinate system runs one. A report counts from its request on, unless a
 //! client may have started a program since. Another host's program counts from the next report on.
 
-/// Since when no motion program runs.
+/// The time since which no motion program runs.
 #[derive(Debug, Default)]
 pub(super) struct Programs {
     /// The board is a recording, whose answers tell of no program's errors.
     pub(super) is_replay: bool,
-    /// All reports since then say that none runs; CLOCK_MONOTONIC.
+    /// All reports since this time say that no motion program runs; CLOCK_MONOTONIC.
     none_since: Option<u64>,
-    /// One may have been started at this time.
+    /// A program may have started at this time.
     started: u64,
 }
 
 impl Programs {
-    /// The last report, asked for at `asked_ns`, says whether a motion program runs; `None`: none tells.
+    /// The last report, asked for at `asked_ns`, says whether a motion program runs; `None`: no report tells.
     pub(super) fn see(&mut self, told: Option<(bool, u64)>) {
         match told {
             Some((false, asked_ns)) if asked_ns >= self.started => {
@@ -26,12 +26,12 @@ impl Programs {
         }
     }
 
-    /// Something was sent, or has ended, at `now_ns` that may have started one.
+    /// At `now_ns` the daemon has sent a command, or a command has ended, that may have started a program.
     pub(super) fn may_have_started(&mut self, now_ns: u64) {
         (self.none_since, self.started) = (None, now_ns);
     }
 
-    /// Whether none has run since `since_ns`.
+    /// Whether no motion program has run since `since_ns`.
     pub(super) fn none_ran(&self, since_ns: u64) -> bool {
         self.none_since.is_some_and(|none_since| none_since <= since_ns)
     }

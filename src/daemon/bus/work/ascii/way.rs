@@ -12,7 +12,7 @@ use crate::function::line_port::PortError;
 use crate::protocol::CommandState;
 
 impl AsciiQueue {
-    /// Has lines go through another port when the board does not look at this one.
+    /// Moves lines to another port if the board does not look at this port.
     pub(super) fn consider_fallback(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
         if !self.ports.may_change() {
             return Ok(());
@@ -26,7 +26,8 @@ impl AsciiQueue {
         }
         if let Some(change) = self.fallback.wanted(&mut self.ports, under_way, bus, now)? {
             if change == Change::Enabled || self.take_back(bus, now)? {
-                // What a command given up has left there must not be carried out when the port is switched on again.
+                // The board must not carry out a given-up command in this port once somebody switches the port on
+                // again.
                 self.ports.current_mut().withdraw(bus, now)?;
                 self.change_port(change, now);
             } else {
@@ -56,7 +57,7 @@ impl AsciiQueue {
         self.poll_now(now);
     }
 
-    /// Whether a command waits that the board has not touched, as far as known.
+    /// Whether a command waits that the board has not touched, as far as the daemon knows.
     fn has_untouched(&self, now: Instant) -> bool {
         match self.under_way {
             Some(under_way) => !under_way.taken && !self.ports.current().was_taken(),
@@ -68,7 +69,7 @@ impl AsciiQueue {
         }
     }
 
-    /// Takes back what waits in the DPRAM's port, to be sent through another; false when the board has touched it.
+    /// Takes the waiting commands back from the DPRAM's port, for another port; false if the board has touched them.
     fn take_back(&mut self, bus: &mut impl Bus, now: Instant) -> Result<bool, PortError> {
         if let Some(control) = self.control_pending {
             if !self.ports.dpram.control_pending(bus, now)? {
