@@ -55,9 +55,9 @@ const COMMANDS_A_ROUND: usize = 4;
 /// Rounds that one [`BoardLoop::poll`] does at most.
 const ROUNDS_A_POLL: usize = 10_000;
 
-/// What the configuration says of the board.
+/// The part of the configuration that describes the board.
 pub struct Configured {
-    /// Where the board's buffers lie, which depends on the firmware, too.
+    /// The places of the board's buffers, which also depend on the firmware.
     pub settings: CheckedSettings,
     /// Number of motors to read until the board has told how many it reports.
     pub motors: usize,
@@ -71,7 +71,7 @@ pub struct Connections {
     pub intake: CommandIntake,
     /// The loop's heartbeat, for the service manager.
     pub pulse: Arc<Pulse>,
-    /// Becomes readable when the loop shall end.
+    /// Becomes readable when the loop has to end.
     pub stop: Arc<EventFd>,
 }
 

@@ -11,7 +11,7 @@ use crate::daemon::shared::status::{CHANGES, Change};
 use crate::language::Meaning;
 use crate::map::Family;
 
-/// A variable as the board told it last.
+/// A variable, by the board's last answer.
 #[derive(Debug, Clone, Copy)]
 struct Told {
     variable: u16,
@@ -120,7 +120,7 @@ mod tests {
             watch.told(55, 0, at(1));
             assert_eq!(changes(&watch).is_empty(), is_ours, "{line}");
         }
-        // What a line sets may clear another one.
+        // The value that a line sets may clear another variable.
         let mut turbo = ChangeWatch::new(&TURBO2);
         for (line, is_ours) in [("I57=1", true), ("I49=1", false)] {
             turbo.forget();

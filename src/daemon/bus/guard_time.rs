@@ -1,7 +1,8 @@
 //! Servo data come first: no other work starts within the guard time before a servo update, unless other work has
 //! waited too often.
 //!
-//! The guard time is how long the largest piece of other work takes on this bus. It is learnt from the pieces done.
+//! The guard time is how long the largest piece of other work takes on this bus. The daemon learns it from the pieces
+//! done.
 
 use std::time::Duration;
 
@@ -13,7 +14,8 @@ const BESIDES_NS: f64 = 8_000.0;
 const MOST_NS: f64 = 150_000.0;
 /// Pieces with fewer accesses are not used: waking clients would dominate. A block of the background report has 62.
 const GUARD_SAMPLES: u64 = 48;
-/// The fastest piece shows the speed of the bus; the others were held up. So the estimate grows at most by this factor.
+/// The fastest piece shows the speed of the bus; something held up the others. So the estimate grows at most by this
+/// factor.
 const SLOWER: f64 = 1.05;
 /// Due work waits for at most this many servo updates in a row.
 const STARVING_UPDATES: u32 = 8;

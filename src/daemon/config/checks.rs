@@ -36,7 +36,7 @@ pub(super) fn socket_mode(value: Option<&toml::Value>) -> Result<u32, Refusal> {
     Ok(mode)
 }
 
-/// Parses the mode of the segment. Its owner must read and write it, and nobody else may write it.
+/// Parses the mode of the segment. Its owner must read and write it, and no other user may write it.
 pub(super) fn segment_mode(value: Option<&toml::Value>) -> Result<u32, Refusal> {
     let Some(value) = value else { return Ok(0o644) };
     let mode = mode("segment_mode", value)?;
@@ -83,8 +83,8 @@ pub(super) fn period_ns(hz: f64) -> Result<u64, Refusal> {
     }
 }
 
-/// Refuses groups that the system does not know. A name service that fails is no fault of the configuration: who needs
-/// the group's number finds that out, and the service manager tries again.
+/// Refuses groups that the system does not know. A name service that fails is no fault of the configuration: the code
+/// that needs the group's number finds that out, and the service manager tries again.
 pub(super) fn groups(named: impl IntoIterator<Item = (String, String)>) -> Result<(), Refusal> {
     for (key, name) in named {
         if let Err(error @ PolicyError::NoSuchGroup(_)) = group_id(&name) {

@@ -16,7 +16,7 @@ const AUTO: &str = "auto";
 pub enum FamilyKnown {
     /// The default of a board that is a file, or the simulator's own family.
     Assumed,
-    /// The configuration says it.
+    /// The configuration names it.
     Written,
     /// The daemon has yet to recognise the board, before it writes anything.
     Sought,
@@ -128,7 +128,7 @@ mod tests {
             file.as_file().set_len(length).unwrap();
             assert_eq!(known(&board, Some("turbo"), None).0, [turbo], "{length:#x}");
             assert_eq!(known(&board, Some("turbo2"), None).0, [turbo2], "{length:#x}");
-            // What does not fit is refused when the file is opened.
+            // The daemon refuses a file that does not fit when it opens the file.
             assert_eq!(known(&board, Some("pmac"), None).0, [&PMAC], "{length:#x}");
         }
     }

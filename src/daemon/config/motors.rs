@@ -1,4 +1,4 @@
-//! `[[motor]]`: what the users of a motor call it, and the unit in which they think.
+//! `[[motor]]`: the name that users give a motor, and the unit in which they think.
 
 use serde::Deserialize;
 
@@ -8,7 +8,7 @@ use crate::map::Family;
 use crate::segment::identity::NAME_BYTES;
 use crate::segment::{Identity, UserUnit};
 
-/// What no unit can be called: a position in counts would be another.
+/// Names that no unit can have: a position in counts would be another.
 const COUNTS: [&str; 2] = ["count", "counts"];
 
 /// A `[[motor]]` table of the configuration.
@@ -31,7 +31,7 @@ pub struct MotorNames {
 }
 
 impl MotorNames {
-    /// Puts it where clients find it.
+    /// Puts name and unit where clients find them.
     pub fn tell(&self, identity: &mut Identity) {
         if let Some(name) = identity.names.get_mut(self.number - 1) {
             *name = self.name;
@@ -45,7 +45,8 @@ impl MotorNames {
 /// The motors' settings, for a board of `family`.
 ///
 /// # Errors
-/// The motor that the family has not, or that is there twice; the name or unit that cannot be one; half a unit.
+/// Names the motor that the family lacks or that the tables name twice, the invalid name or unit, or the incomplete
+/// unit.
 pub(super) fn decide(tables: &[MotorTable], family: &Family) -> Result<Vec<MotorNames>, Refusal> {
     let mut motors: Vec<MotorNames> = Vec::new();
     for (index, table) in tables.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! A replay is of the family that was recorded, and works by the settings that were in force then.
+//! A replay has the family of the recorded board, and works by the settings in force at the recording.
 
 use std::path::Path;
 
@@ -6,7 +6,8 @@ use crate::map::Family;
 use crate::protocol::BoardSettings;
 use crate::recording::About;
 
-/// The family of the board that was recorded in `directory`, with as much DPRAM as it had; `named` is the configuration's.
+/// The family of the board recorded in `directory`, with as much DPRAM as the board had; `named` is the configuration's
+/// family.
 ///
 /// # Errors
 /// The setting that is wrong, and why.
@@ -28,7 +29,7 @@ pub(super) fn family(
     }
 }
 
-/// The settings that were in force when the board was recorded.
+/// The settings in force at the recording.
 ///
 /// # Errors
 /// The recording cannot be read.

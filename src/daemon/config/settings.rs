@@ -194,7 +194,7 @@ pub struct Settings {
     pub board_settings: CheckedSettings,
 }
 
-/// Why the settings were refused, on one line: what, where, what to do.
+/// Why the daemon refused the settings, on one line: the fault, its place and the cure.
 #[derive(Debug, thiserror::Error)]
 #[error("{}", one_line(.text))]
 pub struct SettingsError {
@@ -203,7 +203,7 @@ pub struct SettingsError {
 }
 
 impl SettingsError {
-    /// It is the file, or what is not in it.
+    /// The fault is the file itself, or a setting that it lacks.
     fn of_file(text: String) -> Self {
         Self { text, typed: false }
     }
@@ -249,7 +249,7 @@ impl Settings {
             .map_err(|refusal| SettingsError { text: refusal.placed(path, &text), typed: refusal.typed })
     }
 
-    /// The settings of the first of the families that the board may be of and whose settings these can be.
+    /// The settings, for the first possible family of the board that the settings fit.
     fn of(options: &Options, file: &ConfigFile, seen: Option<Recognised>) -> Result<Self, Refusal> {
         let board_text = options.board.clone().or_else(|| file.board.clone()).ok_or_else(|| {
             Refusal::anywhere("no board given: write --board SPEC, or board = \"SPEC\" in the configuration")
@@ -352,7 +352,7 @@ impl Settings {
     }
 }
 
-/// The refusal of a setting. One from the command line has no place in the file.
+/// The refusal of a setting. A setting from the command line has no place in the file.
 fn refused(key: &str, typed: bool, error: impl std::fmt::Display) -> Refusal {
     if typed { Refusal::typed(error) } else { Refusal::of(key, error) }
 }
@@ -588,7 +588,7 @@ mod tests {
             assert!(error.contains(message), "{text:?}: {error}");
             assert_eq!(error.lines().count(), 1, "{error}");
         }
-        // What was typed has no place in a file.
+        // A setting from the command line has no place in a file.
         let options = Options { board: Some("boat".to_owned()), ..Options::default() };
         assert!(Settings::decide(&options).unwrap_err().to_string().starts_with("board `boat`: "));
         let options = Options { config: Some("/nonexistent.toml".into()), ..Options::default() };

@@ -8,10 +8,10 @@ use crate::map::user_word::{USER_DATA_WORDS, USER_NAME_BYTES, USER_UNIT_BYTES, U
 use crate::map::{BitField, Family, Field, Space, TypedAddress};
 use crate::mirror::UserRate;
 
-/// The rate without one in the configuration, in hertz.
+/// The rate if the configuration gives none, in hertz.
 const USUAL_HZ: f64 = 10.0;
 
-/// One `[[user]]` as it is written.
+/// One `[[user]]` as written.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct UserTable {
@@ -37,10 +37,10 @@ pub struct UserArea {
     pub rate: UserRate,
 }
 
-/// What the tables say, for a board of `family`.
+/// The user words that the tables name, for a board of `family`.
 ///
 /// # Errors
-/// The key that cannot be: its table, and what to write.
+/// Names the wrong key: its table, and the value to write.
 pub(super) fn decide(tables: &[UserTable], family: &Family) -> Result<UserArea, Refusal> {
     let mut words: Vec<UserWord> = Vec::new();
     let mut rates = Vec::new();

@@ -31,7 +31,8 @@ impl Starts {
 /// The effect of a command on its way to the board, if the board carries it out.
 #[derive(Debug, Default)]
 pub struct CommandEffect {
-    /// What the command ends. A stop sent in place of a panel request counts as that panel request.
+    /// The programs, motions or gather that the command ends. A stop sent in place of a panel request counts as that
+    /// panel request.
     pub ends: Option<LineEnds>,
     /// The command resets the board.
     pub resets: bool,
@@ -69,7 +70,7 @@ impl CommandEffect {
     }
 }
 
-/// What the stop of `target` ends.
+/// The programs or motions that the stop of `target` ends.
 pub fn ended_by_stop(target: Target) -> Option<LineEnds> {
     match target {
         Target::Motors(motors) => ended_by_panel(PanelAction::JogStop, motors.bits()),

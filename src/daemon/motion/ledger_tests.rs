@@ -17,13 +17,13 @@ fn ms(count: u64) -> Duration {
     Duration::from_millis(count)
 }
 
-/// A line that jogs the motors of these `bits` was carried out.
+/// The board has carried out a line that jogs the motors of these `bits`.
 fn jogs(ledger: &mut Ledger, client: u64, bits: u32, silence: Option<Duration>, now: Instant) {
     ledger.commanded(motors(bits));
     ledger.jog_by_line(client, motors(bits), silence, now);
 }
 
-/// The motors whose stop is to be requested.
+/// The motors whose stop the daemon has to request.
 fn ended(ledger: &mut Ledger, now: Instant, is_there: impl Fn(u64) -> bool) -> u32 {
     ledger.lapse(is_there, now).0.bits()
 }

@@ -201,7 +201,7 @@ mod tests {
             let told = left.check(start, true).unwrap_err().to_string();
             assert!(told.contains(&format!("{still} lines of it")), "{told}");
         }
-        // Another host, or a reset that nobody saw, has taken it.
+        // Another host, or a reset that the daemon missed, has taken the lines.
         assert_eq!(left.to_ask(start).bits(), 0b1);
         left.refused(Systems::of(1), NO_BUFFER);
         assert!(left.check(start, true).is_ok());
@@ -222,7 +222,7 @@ mod tests {
         assert_eq!(left.to_ask(start).bits(), 0b1000);
         let told = left.check(start, true).unwrap_err().to_string();
         assert!(told.contains("7 lines of an earlier program are left in &2's rotary buffer"), "{told}");
-        // A program that was streamed whole, and aborted.
+        // A client streamed the whole program, and aborted it.
         left.set(Systems::of(1), 0);
         assert_eq!(left.to_ask(start).bits(), 0b1010, "&1 runs to its end, and &2 was refused");
         left.aborted(Systems::first(2));

@@ -1,5 +1,5 @@
-//! The clients' last lines that end programs, motions or a gather. The daemon tells owners and waiting clients who sent
-//! them.
+//! The clients' last lines that end programs, motions or a gather. The daemon tells owners and waiting clients which
+//! client sent them.
 //!
 //! A line counts if the board may have carried it out. The daemon does not know what the serial port, another host or a
 //! program of the board ends.

@@ -16,13 +16,13 @@ use crate::map::Motors;
 /// A stop's step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum At {
-    /// The daemon is to ask the panel for the stop from this moment on.
+    /// The daemon has to ask the panel for the stop from this moment on.
     Due(Instant),
     /// The daemon has asked the panel for the stop.
     Panel(Ticket),
     /// The stop's caller has asked the panel for it.
     CallersPanel,
-    /// The daemon has asked the board which motor or coordinate system is addressed.
+    /// The daemon has asked the board which motor or coordinate system it addresses.
     Question,
     /// The daemon has sent the line.
     Line,

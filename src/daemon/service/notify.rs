@@ -55,7 +55,7 @@ impl Notifier {
 pub struct Watchdog {
     every: Duration,
     next: Instant,
-    /// At the last notification.
+    /// The rounds at the last notification.
     rounds: Option<[u64; WatchedThread::ALL.len()]>,
 }
 

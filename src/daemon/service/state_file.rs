@@ -1,7 +1,7 @@
 //! The file in which the next start finds the blocks of M-variables that it asks for first.
 //!
-//! It lies in the service manager's `StateDirectory`; without one there is none. What cannot be read or written only makes the next
-//! start ask in the usual order.
+//! The file is in the service manager's `StateDirectory`; without that directory there is no file. If the daemon cannot
+//! read or write the file, the next start only asks in the usual order.
 
 use std::fmt::Write as _;
 use std::io;

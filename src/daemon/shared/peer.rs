@@ -19,7 +19,7 @@ pub struct Peer {
 }
 
 impl Peer {
-    /// Its user and process, as the bus thread is told.
+    /// The peer's user and process, for the bus thread.
     #[must_use]
     pub fn account(&self) -> Account {
         Account { uid: self.uid.as_raw(), pid: self.pid }

@@ -55,17 +55,19 @@ pub struct Ticket(pub u64);
 /// A command of the socket's thread to the bus thread.
 #[derive(Debug)]
 pub enum Command {
-    /// Send an ASCII command line and collect its reply. Answered by [`Event::Line`]s and one [`Event::Done`].
+    /// Send an ASCII command line and collect its reply. The bus thread answers by [`Event::Line`]s and one
+    /// [`Event::Done`].
     Send {
         /// Whose command this is.
         ticket: Ticket,
         /// The line without terminator, 1 to [`LINE_MAX`] bytes, no control characters.
         line: Line,
-        /// Whose line it is.
+        /// The line's origin.
         origin: Origin,
         /// When to give up, wherever the line is by then.
         deadline: Instant,
-        /// Who sends it, which decides whether it may enter an open program buffer. Answered by [`Outcome::Barred`] if not.
+        /// The sender, which decides whether the line may enter an open program buffer. The bus thread answers
+        /// [`Outcome::Barred`] if it may not.
         writer: Writer,
     },
     /// Send a line that stops something, before every line that waits and whatever program buffer is open: the line
@@ -80,7 +82,7 @@ pub enum Command {
         /// When to give up.
         deadline: Instant,
     },
-    /// Send a control character (1 to 31) at once, before every queued line. Answered by [`Event::Done`].
+    /// Send a control character (1 to 31) at once, before every queued line. The bus thread answers by [`Event::Done`].
     Control {
         /// Whose command this is.
         ticket: Ticket,
@@ -93,16 +95,17 @@ pub enum Command {
         /// When to give up.
         deadline: Instant,
     },
-    /// Have one of the other functions do something. Answered by [`Event::Done`], or by the event that the job names.
+    /// Have one of the other functions do a job. The bus thread answers by [`Event::Done`], or by the event that the
+    /// job names.
     Job {
         /// Whose command this is.
         ticket: Ticket,
-        /// What to do. Boxed by the socket's thread; the bus thread only takes it apart.
+        /// The job. The socket's thread boxes it; the bus thread only takes it apart.
         job: Box<Job>,
         /// When to give up.
         deadline: Instant,
     },
-    /// Read words of the DPRAM between two updates. Answered by [`Event::Words`] or [`Event::Done`].
+    /// Read words of the DPRAM between two updates. The bus thread answers by [`Event::Words`] or [`Event::Done`].
     ReadWords {
         /// Whose command this is.
         ticket: Ticket,
@@ -184,7 +187,7 @@ pub enum Event {
     Line(Ticket, ResponseText),
     /// The end of a command.
     Done(Ticket, Outcome),
-    /// The words asked for, `count` of them valid, with the CLOCK_MONOTONIC time of the first read.
+    /// The words that the command asked for, `count` of them valid, with the CLOCK_MONOTONIC time of the first read.
     Words {
         /// Whose command this was.
         ticket: Ticket,
@@ -210,7 +213,7 @@ pub enum Event {
 pub struct Unsolicited {
     /// CLOCK_MONOTONIC when the daemon read the text, nanoseconds.
     pub time_ns: u64,
-    /// Which statement caused it.
+    /// The kind of statement that caused the text.
     pub kind: MessageKind,
     /// The text.
     pub text: ResponseText,

@@ -26,7 +26,7 @@ pub(super) struct FirstStart {
 }
 
 impl FirstStart {
-    /// Asks which coordinate system is addressed.
+    /// Asks which coordinate system the board addresses.
     pub(super) const QUESTION: &str = "&";
 
     /// `ask` starts the programs of `systems`, and maybe others.
@@ -60,7 +60,7 @@ impl FirstStart {
         Ok(Some((system, left)))
     }
 
-    /// The next line; `None`: everything is known.
+    /// The next line; `None`: the daemon knows everything.
     pub(super) fn line(&self) -> Option<Text<LINE_MAX>> {
         let addressed = self.addressed.unwrap_or_default();
         match self.systems.numbers().next() {

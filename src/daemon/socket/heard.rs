@@ -7,7 +7,7 @@ use crate::daemon::shared::queue::Outcome;
 use crate::map::errors::meaning;
 use crate::protocol::{CallError, CommandPort, answer};
 
-/// The longest reply of the board that is collected, in bytes.
+/// The most bytes of a board's reply that the server collects.
 pub(super) const COLLECT_MAX: usize = 1024 * 1024;
 
 /// The outcome of a command.
@@ -15,7 +15,7 @@ pub(super) const COLLECT_MAX: usize = 1024 * 1024;
 pub(super) struct Heard {
     /// The command's caller.
     pub caller: Caller,
-    /// How long its caller waits.
+    /// How long the caller waits.
     pub deadline: Instant,
     /// How the command ended.
     pub outcome: Outcome,
@@ -33,13 +33,13 @@ impl Heard {
     /// The lines of the board's reply.
     ///
     /// # Errors
-    /// Why they are not there.
+    /// Why the lines are missing.
     pub(super) fn lines(self, now: Instant) -> Result<Vec<String>, CallError> {
         reply_lines(self.outcome, self.lines, self.is_overlong, now)
     }
 
-    /// The board's answers to a question before something begins. `None`: the board cannot be asked (any more). It may still do what the
-    /// caller wants; if not, the job says so.
+    /// The board's answers to a question before the call begins anything. `None`: the daemon cannot ask the board (any
+    /// more). The board may still do the caller's request; if not, the job says so.
     ///
     /// # Errors
     /// Why nothing begins: the question had no turn, or a client has stopped all motion.
@@ -57,7 +57,7 @@ impl Heard {
     }
 }
 
-/// The lines of the board's reply, or why they are not there.
+/// The lines of the board's reply, or why they are missing.
 pub(super) fn reply_lines(
     outcome: Outcome,
     lines: Vec<String>,

@@ -10,20 +10,20 @@ use super::policy::{PolicyError, Roles};
 /// The settings of the command socket.
 #[derive(Debug, Clone)]
 pub struct ServeOptions {
-    /// Where it lies: `/run/pmacd/pmac0.sock`.
+    /// The socket's path: `/run/pmacd/pmac0.sock`.
     pub path: PathBuf,
-    /// Who may connect, as file mode bits.
+    /// The users who may connect, as file mode bits.
     pub mode: u32,
-    /// The group of the file, when it is not the daemon's own.
+    /// The group of the file, if it is not the daemon's own.
     pub group: Option<String>,
     /// The groups that raise a user's role.
     pub roles: Roles,
-    /// The most connections at a time; fewer where the limit of open files is lower.
+    /// The most connections at a time; fewer if the limit of open files is lower.
     pub max_clients: usize,
     /// The most connections of one user; root and the daemon's user are exempt. The last eighth of all places is for
     /// users with fewer than four connections, root too; half of that is for operators and engineers.
     pub max_clients_per_user: usize,
-    /// How long after the stop of a held jog a motor may still move, until ^A stops everything. `None`: for ever.
+    /// How long a motor may still move after the stop of a held jog, until ^A stops everything. `None`: for ever.
     pub stop_all_after: Option<Duration>,
     /// How long a client may leave a message half sent, or its output unfetched.
     pub patience: Duration,
@@ -45,7 +45,7 @@ impl ServeOptions {
         }
     }
 
-    /// Puts the socket in its place. A separate step, so that it can happen before privileges are given up.
+    /// Puts the socket in its place. A separate step, so that the daemon can do it before it gives up its privileges.
     ///
     /// # Errors
     /// [`ListenError`].

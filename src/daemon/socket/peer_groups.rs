@@ -1,5 +1,5 @@
-//! Which groups the process at the other end of a connection was in when it connected: the kernel says so (SO_PEERGROUPS,
-//! unix(7)), without a look at any data base.
+//! The groups of the process at the other end of a connection, as they were when it connected. The kernel tells them
+//! (SO_PEERGROUPS, unix(7)), without a look at any data base.
 
 use std::os::unix::net::UnixStream;
 
@@ -9,12 +9,12 @@ use nix::sys::socket::getsockopt;
 use nix::sys::socket::sockopt::GetStruct;
 use nix::unistd::Gid;
 
-/// The question, of a peer that is in just `N` groups.
+/// The question for the groups of a peer that is in just `N` groups.
 #[derive(Debug, Clone, Copy)]
 struct PeerGroups<const N: usize>;
 
-/// `nix` reads options of a known size only. The kernel answers ERANGE while there is too little room, so the first size
-/// that it takes is the right one. A peer's groups never change.
+/// `nix` reads options of a known size only. The kernel answers ERANGE while the room is too small, so the first size
+/// that the kernel takes is the right one. A peer's groups never change.
 macro_rules! peer_groups_of_sizes {
     ($($count:literal)*) => {
         $(const _: () = {
@@ -25,7 +25,8 @@ macro_rules! peer_groups_of_sizes {
         /// The supplementary groups of the peer of `stream`.
         ///
         /// # Errors
-        /// ERANGE when there are more than 64; else when the kernel does not know the question (before Linux 4.13).
+        /// ERANGE if the peer has more than 64 groups; otherwise the kernel does not know the question (before Linux
+        /// 4.13).
         pub(super) fn peer_groups(stream: &UnixStream) -> nix::Result<Vec<Gid>> {
             $(match getsockopt(stream, PeerGroups::<$count>) {
                 Ok(groups) => return Ok(groups.map(Gid::from_raw).to_vec()),

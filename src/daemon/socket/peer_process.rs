@@ -1,5 +1,6 @@
-//! Whether the process that made a connection lives. The connection itself does not tell: a process forked from that one has the same
-//! descriptor, and holds it open for as long as it runs. No jog, stream or gather may go on for that.
+//! Whether the process that made a connection lives. The connection itself does not tell: a forked process has the same
+//! descriptor, and holds the connection open for as long as it runs. No jog, stream or gather may go on for a forked
+//! process.
 
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
@@ -9,11 +10,11 @@ use nix::sys::eventfd::{EfdFlags, EventFd};
 use nix::sys::socket::{getsockopt, sockopt::PeerPidfd};
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
 
-/// A descriptor that is readable once the process that made the connection has ended, whose number is `pid`. `None` before Linux 6.5 if
-/// the process is outside the daemon's PID namespace (`pid` is 0).
+/// A descriptor that becomes readable once the process `pid` that made the connection has ended. `None` before Linux
+/// 6.5 if the process is outside the daemon's PID namespace (`pid` is 0).
 ///
 /// # Errors
-/// When the system gives none.
+/// The system gives no descriptor.
 pub(super) fn peer_process(stream: &UnixStream, pid: i32) -> nix::Result<Option<OwnedFd>> {
     match getsockopt(stream, PeerPidfd) {
         Err(Errno::ENOPROTOOPT) => by_number(pid),
@@ -21,14 +22,14 @@ pub(super) fn peer_process(stream: &UnixStream, pid: i32) -> nix::Result<Option<
     }
 }
 
-/// As [`peer_process`], where the kernel does not tell a socket's process but by its number.
+/// As [`peer_process`], if the kernel tells a socket's process only by its number.
 fn by_number(pid: i32) -> nix::Result<Option<OwnedFd>> {
     let Some(pid) = Pid::from_raw(pid) else { return Ok(None) };
     let found = pidfd_open(pid, PidfdFlags::empty());
     or_ended(found.map_err(|errno| Errno::from_raw(errno.raw_os_error()))).map(Some)
 }
 
-/// `found`; of a process that has ended already, one that is readable.
+/// The descriptor `found`; for a process that has already ended, a readable descriptor.
 fn or_ended(found: nix::Result<OwnedFd>) -> nix::Result<OwnedFd> {
     match found {
         Err(Errno::ESRCH | Errno::EINVAL) => {

@@ -1,10 +1,10 @@
 //! The rights of clients: which calls each role may make.
 //!
-//! Whoever may connect to the socket may observe. Groups named in the settings raise a user to stop, operate or engineer;
-//! root and the daemon's own user are engineers.
+//! Any user who may connect to the socket may observe. Groups named in the settings raise a user to stop, operate or
+//! engineer; root and the daemon's own user are engineers.
 //!
-//! The groups' names are looked up once, at the start. The kernel says which groups a peer is in. So no connection waits
-//! for a name service, and no stop behind it.
+//! The daemon looks up the groups' names once, at the start. The kernel tells a peer's groups. So no connection waits
+//! for a name service, and no stop waits behind it.
 
 use std::fmt;
 use std::os::unix::net::UnixStream;
@@ -54,7 +54,7 @@ impl Characters {
     /// The characters that `names` lists, as `^R`.
     ///
     /// # Errors
-    /// The place of the first that is none, or that engineers alone may send, and why.
+    /// The place of the first name that is no character, or a character that only engineers may send, and why.
     pub fn named(names: &[String]) -> Result<Self, (usize, String)> {
         let mut characters = Self(0);
         for (index, name) in names.iter().enumerate() {
@@ -106,7 +106,7 @@ pub struct Roles {
     pub operate_characters: Characters,
 }
 
-/// A group in the settings cannot be looked up.
+/// The daemon cannot look up a group in the settings.
 #[derive(Debug, thiserror::Error)]
 pub enum PolicyError {
     /// The system does not know the group.
@@ -166,7 +166,7 @@ impl Policy {
         if peer.uid.is_root() || peer.uid == geteuid() {
             return Role::Engineer;
         }
-        // Where the kernel does not say, the primary group alone counts.
+        // If the kernel does not tell the groups, the primary group alone counts.
         let mut groups = peer_groups(stream).unwrap_or_default();
         groups.push(peer.gid);
         self.role_by_groups(&groups)

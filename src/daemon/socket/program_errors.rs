@@ -1,4 +1,5 @@
-//! Errors of the board's programs in the log: so many in a time, then a count. A program that fails in each scan would fill it.
+//! Errors of the board's programs in the log: so many in a time, then a count. A program that fails in each scan would
+//! fill the log.
 
 use std::time::{Duration, Instant};
 
@@ -9,18 +10,18 @@ use crate::daemon::shared::queue::Unsolicited;
 use crate::map::errors::meaning;
 use crate::protocol::MessageKind;
 
-/// How many are logged, and in which time.
+/// How many errors the log gets, and in which time.
 const TOLD: u32 = 10;
 const PERIOD: Duration = Duration::from_secs(60);
 
-/// What was logged of them.
+/// The errors in the log so far.
 #[derive(Debug, Default)]
 pub(super) struct ProgramErrors {
     quota: Option<LogQuota>,
 }
 
 impl ProgramErrors {
-    /// Logs `message`, if it is an error of a program, or counts it.
+    /// Logs `message` if it is an error of a program, or counts it.
     pub(super) fn see(&mut self, message: &Unsolicited, now: Instant) {
         if message.kind != MessageKind::Error {
             return;

@@ -1,15 +1,15 @@
-//! What can be asked of a replay: what is known of it, what lies in its window, and lines that its recording has an answer to.
-//! Everything else would move, set or stop something, and there is nothing to move.
+//! The calls that a replay answers: about the board, about the words in its window, and lines that the recording has an
+//! answer to. Every other call would move, set or stop something, and a replay has nothing to move.
 
 use super::methods::{Action, Ask};
 use super::sequences::SequenceCall;
 use crate::protocol::{CallError, control};
 use crate::recording::Replies;
 
-/// Whether `action` can be asked of the replay of a recording with these `replies`.
+/// Whether a client may ask for `action` in the replay of a recording with these `replies`.
 ///
 /// # Errors
-/// It cannot: nothing is done.
+/// The replay cannot do `action`: the daemon does nothing.
 pub(super) fn check(action: &Action, replies: &Replies) -> Result<(), CallError> {
     let unanswered = match action {
         Action::Reply(_)

@@ -13,7 +13,7 @@ use crate::protocol::board::TraceReply;
 /// The most accesses in one reply.
 const ACCESSES_A_REPLY: usize = 4096;
 
-/// The trace, and the client that has it.
+/// The trace, and the client that owns it.
 pub(super) struct Tracing {
     trace: Arc<Trace>,
     owner: Option<Owner>,
@@ -25,7 +25,7 @@ struct Owner {
     client: u64,
     peer: Peer,
     until: Instant,
-    /// How many accesses were dropped before.
+    /// How many earlier accesses the daemon has dropped.
     dropped: u64,
 }
 
@@ -35,19 +35,19 @@ impl Tracing {
         Self { trace, owner: None, silent: None }
     }
 
-    /// Whether a client's call would begin a trace.
+    /// Whether a call of the client would begin a trace.
     pub(super) fn is_free(&self) -> bool {
         self.owner.is_none()
     }
 
-    /// The accesses since the caller's last call. The first call begins; when it is to `end`, what is left is handed
-    /// over, and an empty reply is the last.
+    /// The accesses since the caller's last call. The first call begins the trace; at its `end`, the daemon hands over
+    /// the accesses left, and an empty reply is the last.
     ///
     /// # Errors
     /// Another client has the trace, or the caller's own has ended meanwhile.
     pub(super) fn take(&mut self, caller: Caller, end: bool, now: Instant) -> Result<TraceReply, CallError> {
         if self.silent.take_if(|client| *client == caller.client).is_some() {
-            // One that began silently again would hide how much is missing between.
+            // If the trace began again without a word, it would hide how many accesses are missing.
             let reason = format!(
                 "the trace has ended: nothing was asked for {} s, and the accesses since are not in it",
                 TRACE_LEASE.as_secs()
@@ -104,7 +104,7 @@ impl Tracing {
         self.end_if(|owner| owner.client == client);
     }
 
-    /// Ends the trace of a client that takes nothing any more.
+    /// Ends the trace of a client that no longer takes the accesses.
     pub(super) fn expire(&mut self, now: Instant) {
         if let Some(owner) = self.end_if(|owner| owner.until <= now) {
             self.silent = Some(owner.client);
@@ -115,7 +115,7 @@ impl Tracing {
         self.owner.take_if(is_over).inspect(|_| self.trace.end())
     }
 
-    /// When the trace ends if its client does not call.
+    /// When the trace ends if its client makes no call.
     pub(super) fn next_end(&self) -> Option<Instant> {
         self.owner.as_ref().map(|owner| owner.until)
     }

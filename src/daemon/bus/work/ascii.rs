@@ -154,7 +154,7 @@ pub struct AsciiQueue {
     buffer: OpenBuffer,
     /// When the daemon asks for an open buffer, and the answer.
     buffer_question: BufferQuestion,
-    /// After a control character with a reply a line has its turn, if one waits.
+    /// After a control character with a reply, a line has its turn if one waits.
     line_is_next: bool,
     /// After a question of the daemon's, too.
     own_was_last: bool,
@@ -183,7 +183,7 @@ impl AsciiQueue {
         Self {
             ports,
             fallback: Fallback::new(now),
-            // One may come back from a port that did not take it.
+            // A command may come back from a port that did not take it.
             lines: VecDeque::with_capacity(at_once::LINES + at_once::STOPS + 1),
             controls: VecDeque::with_capacity(at_once::CONTROLS + at_once::QUERIES + at_once::STOPS + 1),
             under_way: None,
@@ -236,9 +236,10 @@ impl AsciiQueue {
         self.identifier.ask_again(now);
     }
 
-    /// The board was reset or replaced: no buffer is open, and the board has forgotten what it was to send. The daemon gives up the
-    /// commands under way, so that the new board carries out none of the old board's. The board has not carried out a control character
-    /// that still lies there. The outcome of everything else is unknown: a board may clear a flag only when the line is done.
+    /// The board was reset or replaced: no buffer is open, and the board has forgotten the texts that it had to send.
+    /// The daemon gives up the commands under way, so that the new board carries out none of the old board's. The board has not carried out
+    /// a control character that is still in its word. The outcome of everything else is unknown: a board may clear a
+    /// flag only when the line is done.
     ///
     /// # Errors
     /// When a port cannot be reached.
@@ -266,13 +267,13 @@ impl AsciiQueue {
         self.ports.start(now)
     }
 
-    /// Whether an answer waits for room in the socket's queue, so that nothing more is taken from the board.
+    /// Whether an answer waits for room in the socket's queue, so that the daemon takes nothing more from the board.
     #[must_use]
     pub fn is_held_up(&self) -> bool {
         !self.outbox.is_empty()
     }
 
-    /// How far `^K` is.
+    /// The progress of `^K`.
     #[must_use]
     pub fn kill(&self) -> Kill {
         let known = self.controls.iter().chain(&self.control_pending);
@@ -368,7 +369,7 @@ impl AsciiQueue {
         self.programs.may_have_started(self.clock.ns());
     }
 
-    /// Does what can be done now.
+    /// Does the work that is due.
     ///
     /// # Errors
     /// When a port cannot be reached.
@@ -410,7 +411,7 @@ impl AsciiQueue {
         Ok(())
     }
 
-    /// Whether something is asked of the board, or waits to be.
+    /// Whether the daemon has asked the board something, or a question waits.
     #[must_use]
     pub fn is_busy(&self) -> bool {
         self.under_way.is_some()
@@ -500,7 +501,8 @@ impl AsciiQueue {
         Ok(())
     }
 
-    /// Asks a question of the daemon's if one is due: for the identity, or, once that is known, where the board's programs keep data.
+    /// Asks a question of the daemon's own if one is due: for the identity, or, once the daemon knows that, where the
+    /// board's programs keep data.
     fn ask_own(&mut self, bus: &mut impl Bus, poll: Poll<'_>) -> Result<(), PortError> {
         let now = poll.now;
         if self.characters_due_in(now).is_zero() && self.ask_for_characters(bus, poll)? {

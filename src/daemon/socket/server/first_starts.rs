@@ -22,8 +22,8 @@ use crate::protocol::Function;
 const QUESTION_TURN: Duration = Duration::from_secs(1);
 
 impl Service {
-    /// Gives `ask` back if the daemon knows what lies in the rotary buffers of the programs that `ask` starts. Otherwise the daemon asks
-    /// the board first.
+    /// Gives `ask` back if the daemon knows the lines in the rotary buffers of the programs that `ask` starts.
+    /// Otherwise the daemon asks the board first.
     pub(super) fn knows_what_is_left(&mut self, caller: Caller, ask: Ask, now: Instant) -> Option<Ask> {
         let existing = Systems::first(self.info.family().coordinate_systems);
         // A stream has already asked about the coordinate system that it feeds.

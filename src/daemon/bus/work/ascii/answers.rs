@@ -9,7 +9,8 @@ use crate::function::line_port::{AsciiEvent, ResponseText};
 use crate::protocol::{CommandState, MessageKind};
 use crate::segment::Counter;
 
-/// Whether this command asks for values. A board that only acknowledges such a command has stored it as a program line.
+/// Whether this command asks for values. If a board only acknowledges such a command, it has stored the command as a
+/// program line.
 fn asks_for_values(command: &InFlight) -> bool {
     match command {
         InFlight::Line(line) => line.line.meaning.only_asks_for_variables,

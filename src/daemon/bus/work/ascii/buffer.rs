@@ -55,8 +55,8 @@ impl AsciiQueue {
         Ok(())
     }
 
-    /// Asks the board which coordinate system is addressed, before a sender other than the rotary buffers' opener
-    /// addresses another one.
+    /// Asks the board which coordinate system it addresses, before a sender other than the rotary buffers' opener
+    /// addresses another system.
     pub(super) fn ask_address(&mut self, bus: &mut impl Bus, poll: Poll<'_>) -> Result<(), PortError> {
         let now = poll.now;
         if self.ports.current_mut().begin(bus, b"&")? {
@@ -66,7 +66,7 @@ impl AsciiQueue {
         Ok(())
     }
 
-    /// The board has answered the question for the address, or has not.
+    /// The board has answered the question for the address, or has failed to.
     pub(super) fn address_answered(&mut self) {
         let system = self.buffer_question.number.take();
         self.buffer.told_address(system.and_then(|system| u32::try_from(system).ok()));

@@ -10,8 +10,8 @@
 //!
 //! No other reply may look like the probe's. The values of other lines come close: `I107I108I109I160`, asked for motor after motor,
 //! often ends with 0, 96, 96, 96 and 0. So the middle value must be a servo period, and the reply must have these values and no more.
-//! We never send a probe whose reply has as many values as the abandoned line's: its rest may still be to come. The
-//! answer to `^F`, several values in one line, may lie between.
+//! We never send a probe whose reply has as many values as the abandoned line's: the rest of that reply may still come.
+//! The answer to `^F`, several values in one line, may come in between.
 //!
 //! The board may answer a probe late, too. So each probe differs from the one before: it asks for I10, or `SIZE`, once more, up to
 //! [`CHECK_LINES`] times, and only a reply with exactly as many values is its own. The next probe goes when the board has taken the
@@ -82,7 +82,7 @@ pub(super) struct Check {
     error: Option<u16>,
     /// How many probes the board answered unexpectedly.
     tries: u8,
-    /// The command that was given up.
+    /// The command that the daemon has given up.
     given_up: Option<GivenUp>,
     /// The board answers probes but marks no end of its replies.
     marks_no_end: bool,
@@ -113,8 +113,8 @@ impl Check {
         }
     }
 
-    /// The number of the next probe, whose reply has not as many values as `before` has questions such as `P1`. Of an
-    /// abandoned line only the first 60 characters are known.
+    /// The number of the next probe, whose reply has not as many values as `before` has questions such as `P1`. The
+    /// daemon knows only the first 60 characters of an abandoned line.
     fn next_kind(&self, asks: Asks, before: Option<&[u8]>) -> usize {
         let is_question = |pair: &&[u8]| pair[0].is_ascii_alphabetic() && pair[1].is_ascii_digit();
         let questions = before.map(|line| line.windows(2).filter(is_question).count());
@@ -285,8 +285,8 @@ impl AsciiQueue {
         self.has_answered(value, now);
     }
 
-    /// Whether the board has not taken the probe in time. The probe stays: callers are told, and more probes would use up
-    /// those that the daemon can tell apart (`tests/models/ascii.pml`).
+    /// Whether the board has not taken the probe in time. The probe stays: the daemon tells the callers, and more
+    /// probes would use up those that the daemon can tell apart (`tests/models/ascii.pml`).
     pub(super) fn check_lies(&mut self) -> bool {
         let lies = matches!(self.under_way, Some(UnderWay { command: InFlight::Check, .. }))
             && self.ports.current().line_lies();
@@ -320,7 +320,7 @@ impl AsciiQueue {
             Asks::Buffer if is_otherwise => {
                 self.check.tries = 0;
                 self.state = CommandState::Answers;
-                // The handshake is next, while this is believed.
+                // The handshake is next, while the daemon believes this.
                 self.check.not_before = now;
                 self.buffer_unsaid(self.check.error.map_or(Unsaid::Otherwise, Unsaid::Refused), now);
             }
