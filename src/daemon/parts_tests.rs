@@ -1,4 +1,4 @@
-//! The loop stepped in time of the test's own, on a board played by hand.
+//! The loop in steps of the test's own time, on a board that the test plays.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -46,7 +46,7 @@ impl World {
         Self { time, board_loop, backend, memory, due_ns: 0, _directory: directory }
     }
 
-    /// Steps the loop from due time to due time for so long, and has `board` act before each.
+    /// Steps the loop from due time to due time for so long, and calls `board` before each step.
     fn run(&mut self, time: Duration, mut board: impl FnMut(&mut FileBoard, u64)) {
         let end = self.time.ns() + time.as_nanos() as u64;
         loop {
@@ -73,7 +73,7 @@ impl World {
         self.backend.commands.try_send(command).unwrap();
     }
 
-    /// The first end of a command that was not asked for before.
+    /// The first end of a command that no earlier call has returned.
     fn ended(&mut self) -> Option<(u64, Outcome)> {
         let Backend { events, info, .. } = &mut self.backend;
         std::iter::from_fn(|| events.try_receive()).find_map(|event| match event {
@@ -86,7 +86,7 @@ impl World {
         })
     }
 
-    /// What `GetInfo` would answer.
+    /// The state that `GetInfo` would tell.
     fn state(&mut self) -> State {
         assert_eq!(self.ended(), None);
         self.backend.info.board().state
@@ -116,7 +116,7 @@ fn what_is_begun_and_when_it_is_given_up_goes_by_the_injected_time() {
     let mut world = World::new();
     world.run(Duration::from_millis(10), |_, _| {});
     assert_eq!(world.word(ASCII_OUTPUT_CONTROL), 0, "nothing is sent while another host's reply may come");
-    // The identifier's question is given up first.
+    // The daemon first gives up the identifier's question.
     world.run(Duration::from_secs(8), |_, _| {});
     world.send(1, "#1J+", Duration::from_secs(5));
     // A board that came back in the last half second could not answer in time.
@@ -135,10 +135,10 @@ fn a_stop_stands_back_for_a_few_updates_where_the_next_one_is_always_near() {
     let report = |memory: &mut FileBoard, ns: u64| {
         memory.write16(SERVO_PMAC_STATUS, (ns / period) as u16 & 0x7FFF).unwrap();
     };
-    // Each time at another moment of what else goes on.
+    // Each time at another moment of the other work.
     for moment in 0..20 {
         let mut world = World::new();
-        // The identifier's question is given up.
+        // The daemon gives up the identifier's question.
         world.run(Duration::from_secs(8), |_, _| {});
         world.board_loop.learn(period, 1_000);
         world.run(Duration::from_millis(300) + moment * Duration::from_micros(2_300), report);

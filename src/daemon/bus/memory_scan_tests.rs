@@ -1,4 +1,4 @@
-//! What the scan asks, in which order, and what it makes of the answers.
+//! The scan's questions, their order, and its conclusions from the answers.
 
 use super::*;
 use crate::map::{PMAC, TURBO2};
@@ -25,7 +25,7 @@ fn where_a_definition_was_found_last_time_is_asked_for_first_and_told_at_once() 
     assert_eq!(scan.progress().read, 50);
 }
 
-/// Answers every question with `*`, but for these definitions. How many were asked.
+/// Answers every question with `*`, except for these `definitions`. Returns how many the scan asked for.
 fn answer(scan: &mut MemoryScan, definitions: &[(u16, &str)], now: Instant) -> usize {
     let mut asked = 0;
     while let Some((line, _)) = scan.next_line(u16::MAX, now) {
@@ -64,7 +64,7 @@ fn every_m_variable_is_asked_for_and_those_in_the_dpram_are_kept() {
         assert_eq!(scan.take_outcome(now), None, "told once");
         let found: Vec<_> = scan.words().map(|(at, number)| (at.bytes(), number)).collect();
         assert_eq!(found, [(0x16, m_variables(family) - 1), (0x200, 211), (0x202, 211)]);
-        // One is taken away by a line.
+        // A line takes one definition away.
         scan.line_goes(&Meaning::of("M211->*"), now);
         assert_eq!(scan.next_line(u16::MAX, now), None, "more may follow");
         assert_eq!(answer(&mut scan, &definitions[1..], now + DEFINITIONS_AFTER_LINE), asked);
@@ -76,8 +76,8 @@ fn every_m_variable_is_asked_for_and_those_in_the_dpram_are_kept() {
 fn a_board_that_cannot_be_asked_keeps_nobody_waiting() {
     let now = Instant::now();
     let begun = || scan_of(&PMAC, true, now);
-    // It refuses, does not answer, answers something else, or is never free.
-    // After an answer it is asked for fewer at first: 6, 12, 24, 50 …
+    // The board refuses, does not answer, answers something else, or is never free. After an answer the daemon first
+    // asks for fewer definitions: 6, 12, 24, 50 …
     type Answering = fn(&mut MemoryScan, Instant);
     let answers: [(Answering, usize); 4] = [
         (|scan, now| scan.done(true, now), 23),
@@ -116,7 +116,7 @@ fn a_board_that_refuses_to_tell_is_waited_for_no_longer_because_it_answers_other
     let now = Instant::now();
     let mut scan = scan_of(&PMAC, true, now);
     let mut time = now;
-    // It is asked who it is first.
+    // The daemon asks for the board's identity first.
     while time < now + 2 * DEFINITIONS_NOT_TOLD {
         time += DEFINITIONS_AGAIN;
         scan.is_answering(time);
@@ -147,7 +147,7 @@ fn what_was_told_stands_whatever_becomes_of_the_other_questions() {
         scan.done(false, now);
         assert_eq!(scan.take_outcome(now), (question == 1).then_some(Outcome::More));
     }
-    // The fourth is answered short, with one more, and then not at all.
+    // The board answers the fourth question short, then with one line more, and then not at all.
     let (mut time, mut told) = (now, Vec::new());
     for answer in 0..8 {
         let (line, _) = scan.next_line(u16::MAX, time).unwrap();
@@ -174,7 +174,8 @@ fn what_was_told_stands_whatever_becomes_of_the_other_questions() {
     );
 }
 
-/// A question costs a slow board 0.4 s, or each definition 0.15 s: all of them are read, and it is told how long that takes.
+/// A question costs a slow board 0.4 s, or each definition 0.15 s: the daemon reads all definitions, and tells how long
+/// that takes.
 #[test]
 fn a_slow_board_is_read_to_its_end_and_how_far_that_is_is_known() {
     for (a_question, a_line, most) in [(400, 0, 67), (0, 150, 1500)] {

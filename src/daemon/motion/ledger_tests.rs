@@ -168,7 +168,7 @@ fn a_jog_by_line_ends_with_its_client_unless_it_is_over_or_anothers() {
     see(&mut ledger, 0b00, 300);
     see(&mut ledger, 0b01, 350);
     see(&mut ledger, 0b00, 400);
-    // Somebody moves the first one again, but not this client.
+    // Another client moves the first motor again.
     see(&mut ledger, 0b11, 600);
     assert_eq!(ended(&mut ledger, at(600), |_| false), 0b10, "the second one had not begun to move");
 }

@@ -1,4 +1,5 @@
-//! The ends of gathers, streams and downloads, cut at every step: whatever ends them, and whenever, the board is left as it should be.
+//! The ends of gathers, streams and downloads, cut at every step: whatever ends them, and whenever, they leave the
+//! board in the right state.
 
 use std::time::{Duration, Instant};
 
@@ -21,7 +22,7 @@ const ENDINGS: [Ending; 6] = [
     Ending::AllStopped(OWNER, 1),
     Ending::Aborted(OWNER),
 ];
-/// More steps than any sequence here takes until its owner has nothing more to say.
+/// More steps than any sequence here takes until its owner calls no more.
 const STEPS: usize = 40;
 
 /// A board as far as gathers, streams and downloads use it.
@@ -36,7 +37,7 @@ struct Board {
     period: String,
     open: bool,
     transfer: bool,
-    /// The daemon has set the buffer in the DPRAM up, and lines may be on their way into it.
+    /// The daemon has set up the buffer in the DPRAM, and lines may be on their way into it.
     fed: bool,
     runs: bool,
     left: u64,
@@ -47,7 +48,7 @@ struct Board {
     p1: String,
 }
 
-/// Lines of a stream that were put into the DPRAM.
+/// How many lines of a stream the daemon has put into the DPRAM.
 const SENT: u64 = 5;
 
 impl Board {
@@ -71,7 +72,7 @@ impl Board {
         }
     }
 
-    /// What a reset leaves: nothing gathers, nothing is open, nothing runs, and I19 is as it was saved.
+    /// A reset: the board gathers nothing, has no buffer open and runs nothing, and I19 has its saved value.
     fn reset(&mut self) {
         *self = Self { reports: self.reports, resets: self.resets + 1, ..Self::new(self.reports, false) };
     }
@@ -137,7 +138,7 @@ impl Board {
         }
     }
 
-    /// Does a step as `outcome` says: what is not known to be undone is done.
+    /// Does a step with this `outcome`: a step counts as done unless the daemon knows that it is undone.
     fn take(&mut self, request: &Request, outcome: Outcome) -> Done {
         let is_done = !outcome.is_unsent();
         let gathers = self.report_runs.then_some(self.gathers);
@@ -178,7 +179,8 @@ impl Board {
     }
 }
 
-/// Drives `machine` until it is over. Before step `cut` it ends, for this reason; step `fails` ends so.
+/// Drives `machine` until it is over. Before step `cut` the sequence ends, for the reason `why`; step `fails` has this
+/// outcome.
 fn drive(
     machine: &mut Script,
     board: &mut Board,
@@ -245,7 +247,7 @@ fn a_gather_cut_anywhere_leaves_the_board_as_it_was_and_is_followed_no_more() {
 #[test]
 fn a_gather_of_which_a_step_fails_leaves_the_board_as_it_was_and_is_followed_no_more() {
     for (reports, report_runs) in [(true, true), (true, false), (false, false)] {
-        // The steps of the end come after those of the owner.
+        // The steps of the end come after the owner's.
         for fails in 0..2 * STEPS {
             for outcome in [
                 Outcome::TimedOut,
@@ -360,8 +362,8 @@ fn lines_that_are_left_are_refused_with_their_number() {
     assert_eq!(Board { timer: before.timer, ..board }, before, "nothing was changed");
 }
 
-/// Drives `machine` until it rests for the `count`th time while the board gathers or is fed. Has `happens` happen then, and gives
-/// what is said in the end, and how long that took.
+/// Drives `machine` until it rests for the `count`th time while the board gathers, or the daemon feeds it. Then calls
+/// `happens`. Returns the text of the end, and how long the end took.
 fn disturbed(
     machine: &mut Script,
     board: &mut Board,
@@ -394,7 +396,7 @@ const SOON: Duration = Duration::from_secs(1);
 #[test]
 fn a_stream_notices_that_its_program_does_not_run_any_more() {
     let mut board = Board::new(true, true);
-    // Somebody on another host.
+    // A user on another host stops the program.
     let (said, took) = disturbed(&mut stream(None), &mut board, 2, |board| board.runs = false);
     assert!(said.contains("does not run its rotary program any more") && took <= SOON, "{took:?} {said}");
     assert!(!board.open && !board.transfer);
@@ -412,7 +414,7 @@ fn the_end_of_a_stream_waits_until_somebody_elses_buffer_is_closed() {
             Step::Rest | Step::Answer(_) | Step::Tell(_) => {}
             Step::Board(request, _) => {
                 if board.runs && closed_at.is_none() {
-                    // The owner dies, and somebody opens a buffer for twenty seconds.
+                    // The owner dies, and another user opens a buffer for twenty seconds.
                     closed_at = Some(now + Duration::from_secs(20));
                     board.open = false;
                     machine.end(Ending::OwnerGone);
@@ -431,7 +433,7 @@ fn the_end_of_a_stream_waits_until_somebody_elses_buffer_is_closed() {
 
 #[test]
 fn a_stream_notices_within_a_second_that_somebody_closed_its_buffer() {
-    // Told by the report, and asked for where none comes.
+    // The report tells, or the daemon asks if no report comes.
     for report_runs in [true, false] {
         let mut board = Board::new(true, report_runs);
         let (said, took) = disturbed(&mut stream(None), &mut board, 4, |board| board.open = false);

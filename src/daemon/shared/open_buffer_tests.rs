@@ -1,4 +1,4 @@
-//! Who may write into which program buffer, and what a board's reports and answers make of it.
+//! Which writer may write into which program buffer, and how a board's reports and answers change that.
 
 use super::*;
 
@@ -9,7 +9,7 @@ fn sequence(number: u64, inside: bool) -> Writer {
     Writer::Sequence { number, account: Account { uid: 1000, pid: 1 }, inside }
 }
 
-/// Both ends of a line that the board takes.
+/// The begin and the end of a line that the board takes.
 fn sent(buffer: &mut OpenBuffer, line: &str, by: Writer) {
     buffer.begin(&Meaning::of(line), by, Instant::now());
     buffer.done(&Meaning::of(line));
@@ -134,7 +134,7 @@ fn after_a_close_of_somebody_elses_buffer_the_board_is_asked() {
         buffer.bars(&Meaning::of("P1=5"), ANNE).is_none()
             && !buffer.must_ask(&Meaning::of("P1=5"), ANNE, now)
     );
-    // One's own is closed.
+    // The user has closed the user's own buffer.
     buffer.see(false, 60);
     sent(&mut buffer, "OPEN PROG 1", ANNE);
     sent(&mut buffer, "CLOSE", ANNE);
@@ -209,7 +209,7 @@ fn reports_are_older_as_long_as_the_board_takes_to_open_a_buffer() {
 fn who_could_not_open_a_buffer_has_not_opened_it() {
     let now = Instant::now();
     let mut buffer = OpenBuffer::default();
-    // The serial port was first.
+    // A host on the serial port was first.
     buffer.begin(&Meaning::of("OPEN PROG 2"), ANNE, now);
     buffer.refused(&Meaning::of("OPEN PROG 2"), IN_USE);
     assert_eq!(buffer.bars(&Meaning::of("X1"), ANNE), Some(Barred::Open(None)));
@@ -330,7 +330,7 @@ fn rotary_buffers_open_for_binary_lines_shut_nobody_out() {
         );
         assert!(!buffer.must_ask(&Meaning::of(line), writer, now));
     }
-    // One is open at a time.
+    // Only one buffer can be open at a time.
     for line in [&b"OPEN PROG 1 CLEAR"[..], b"OPEN ROT", b"CLEAR", b"LEARN"] {
         let Some(Barred::Changes(Some(opened))) = buffer.bars(&Meaning::of(line), BOB) else {
             panic!("{line:?}")
@@ -342,13 +342,13 @@ fn rotary_buffers_open_for_binary_lines_shut_nobody_out() {
         buffer.bars(&Meaning::of("CLOSE"), sequence(2, false)).is_some()
             && buffer.bars(&Meaning::of("CLOSE"), BOB).is_none()
     );
-    // Without reports: no manual says what sign the board's answer has then.
+    // Without reports: no manual tells the sign of the board's answer then.
     buffer.unsee();
     for size in [-41301, 41301] {
         buffer.learn(Some(size), now);
         assert_eq!(buffer.bars(&Meaning::of("P1=5"), BOB), None);
     }
-    // Another host has closed them and opened a program.
+    // Another host has closed the rotary buffers and opened a program.
     buffer.see(true, 60);
     assert_eq!(buffer.bars(&Meaning::of("P1=5"), BOB), Some(Barred::Open(None)));
     assert!(buffer.bars(&Meaning::of("CLOSE"), stream).is_some(), "that is not the stream's");

@@ -1,4 +1,4 @@
-//! Whose address the rotary buffers go by.
+//! The address that the rotary buffers go by, and its sender.
 
 use super::*;
 use crate::daemon::shared::writer::Account;

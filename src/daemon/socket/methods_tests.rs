@@ -1,4 +1,4 @@
-//! What each method may be called with, and by whom.
+//! Which calls each method takes, and from which role.
 
 use super::*;
 use crate::map::PMAC;
@@ -139,12 +139,12 @@ fn a_method_of_a_function_that_is_switched_off_says_so() {
             _ => String::new(),
         };
         let refused = |functions: Value| reason(functions).contains("is switched off");
-        // What the panel would stop is stopped by lines, but without these it needs the panel.
+        // A line stops the target if the panel is off; without lines the call needs the panel.
         let of_panel = (method == "Panel").then_some(Function::Panel);
         let needed = of_panel.or(METHODS.iter().find(|known| known.name == method).unwrap().function);
         let other = if needed == Some(Function::Rotary) { Function::Servo } else { Function::Rotary };
         assert_eq!(refused(json!([other])), needed.is_some(), "{method}");
-        // None is used: the board's family is not known.
+        // The daemon uses no function: it does not know the board's family.
         let writes = needed.is_some() || method == "Write";
         assert_eq!(reason(json!([])) == UNKNOWN_FAMILY, writes, "{method}");
         assert_eq!(

@@ -1,4 +1,4 @@
-//! What is asked of a board that answers, refuses, changes or says nothing.
+//! The daemon's questions to a board that answers, refuses, changes or says nothing.
 
 use super::*;
 use crate::map::{FAMILIES, PMAC, TURBO2};
@@ -142,7 +142,7 @@ fn every_motors_scales_are_asked_in_lines_that_the_board_takes() {
 fn a_family_is_asked_for_the_variables_it_has() {
     let line = |family| questions(family)[2].line();
     assert_eq!(line(&PMAC), "I10 I19 I48 I49 I59 I2 I55 I3");
-    // On a Turbo board no I-variable says how many motors are reported, or where the panel is.
+    // On a Turbo board no I-variable tells the number of reported motors, or the panel's place.
     assert_eq!(line(&TURBO2), "I10 I47 I48 I57 I49 I55 I3");
 }
 
@@ -192,7 +192,7 @@ fn a_board_that_does_not_tell_all_scales_in_time_is_asked_for_fewer() {
             identifier.sent();
             if line.contains("07I") {
                 asked.push(numbers.len());
-                // It tells a motor's in time.
+                // The board tells one motor's scales in time.
                 if numbers.len() > 4 {
                     identifier.failed(now);
                     break;
@@ -276,7 +276,7 @@ fn a_scale_in_doubt_is_unknown_until_the_board_has_told_it_again() {
     let told = identifier.take_update().unwrap();
     assert_eq!((told.ix08[0], told.ix08[1], told.ix07[1]), (Some(91), None, Some(94)));
     assert_eq!(told.firmware.as_deref(), Some("1.16D"));
-    // A further change while the board is asked.
+    // Another change while the daemon asks the board.
     answer(&mut identifier, now + IDENTITY_AFTER_LINE, &["PMAC1"]);
     identifier.line_goes(&Meaning::of("I308=48"), now + IDENTITY_AFTER_LINE);
     assert_eq!(identifier.take_update().unwrap().ix08[1..3], [None, None]);

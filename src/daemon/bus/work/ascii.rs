@@ -237,9 +237,9 @@ impl AsciiQueue {
     }
 
     /// The board was reset or replaced: no buffer is open, and the board has forgotten the texts that it had to send.
-    /// The daemon gives up the commands under way, so that the new board carries out none of the old board's. The board has not carried out
-    /// a control character that is still in its word. The outcome of everything else is unknown: a board may clear a
-    /// flag only when the line is done.
+    /// The daemon gives up the commands under way, so that the new board carries out none of the old board's. The board
+    /// has not carried out a control character that is still in its word. The outcome of everything else is unknown: a
+    /// board may clear a flag only when the line is done.
     ///
     /// # Errors
     /// When a port cannot be reached.

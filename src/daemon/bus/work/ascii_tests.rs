@@ -1,4 +1,4 @@
-//! Command lines for a hand-driven board: who waits for whom, and what is never begun.
+//! Command lines for a hand-driven board: which line waits for which, and which lines the daemon never begins.
 
 use std::sync::Arc;
 
@@ -38,14 +38,14 @@ struct Rig {
 }
 
 impl Rig {
-    /// What the queue knows now.
+    /// The queue's present knowledge.
     fn status(&self) -> LinesStatus {
         let mut status = LinesStatus::default();
         self.queue.tell(&mut status, true, self.now);
         status
     }
 
-    /// What the socket was told, with the lines of replies and the texts of programs.
+    /// The events that the socket got, with the lines of replies and the texts of programs.
     fn told(&self) -> Vec<String> {
         let shown = |event| match event {
             Event::Line(ticket, text) => Some(format!("{} {}", ticket.0, text.to_latin1())),
@@ -136,7 +136,7 @@ impl Rig {
         String::from_utf8(bytes.split(|byte| *byte == 0).next().unwrap().to_vec()).unwrap()
     }
 
-    /// The board puts a response out, which is taken. An acknowledgement leaves the text that is there.
+    /// The board puts a response out, and the daemon takes it. An acknowledgement leaves the earlier text in place.
     fn respond(&mut self, control: u16) {
         self.bus.write16(PMAC.ascii.response_control, control).unwrap();
         self.poll();
@@ -170,7 +170,7 @@ impl Rig {
         self.poll();
     }
 
-    /// The board takes our own line, and answers it.
+    /// The board takes the daemon's own line, and answers it.
     fn answer_check(&mut self) {
         let line = self.take();
         let values = line.split(' ').map(|variable| if variable == "I3" { "2" } else { "3713707" });
@@ -214,7 +214,7 @@ fn the_first_line_after_one_given_up_is_our_own() {
     rig.send(2, "P5=7", Duration::from_secs(60));
     rig.poll();
     rig.rest();
-    // The board looks at its words beside a line: what comes first is the reply to SLOW.
+    // The board looks at its words while it works on a line: the first response is the reply to SLOW.
     assert_eq!(rig.take(), "I3 I10 I3");
     rig.now += Duration::from_millis(700);
     rig.say("1");
@@ -228,7 +228,7 @@ fn the_first_line_after_one_given_up_is_our_own() {
     assert_eq!(rig.ended(), [(1, Outcome::TimedOut), (2, Outcome::Done)]);
 }
 
-/// The board does not answer what it has taken in time; the next line of our own.
+/// The board does not answer the line that it has taken in time; the daemon's next line.
 fn next_check(rig: &mut Rig) -> String {
     rig.now += Duration::from_secs(1);
     rig.poll();
@@ -250,7 +250,7 @@ fn a_late_reply_to_a_line_of_our_own_is_not_the_next_ones() {
     assert_eq!(next_check(&mut rig), "I3 I10 I3");
     assert_eq!(next_check(&mut rig), "I3 I10 I10 I3");
     assert_eq!(next_check(&mut rig), "I3 I10 I10 I10 I3");
-    // More of them than are allowed to be answered otherwise.
+    // More unexpected answers than the daemon accepts.
     rig.answer(&["7"]);
     rig.answer(&["2", "3713707", "2"]);
     rig.answer(&["2", "3713707", "3713707", "2"]);
@@ -432,7 +432,8 @@ fn a_line_that_waits_for_another_says_nothing_of_the_board() {
 fn a_new_board_does_nothing_of_what_the_old_one_was_told() {
     const ABORT: u8 = 0x01;
     const ONES: u16 = u16::MAX;
-    // What the words of the flag and of the control character hold when the reset is noticed, and what may be said then.
+    // The words of the flag and of the control character when the daemon notices the reset, and the outcome that it may
+    // tell.
     for (flag, character, outcome) in [
         (
             PMAC.ascii.command_loaded.mask,
@@ -459,7 +460,7 @@ fn a_new_board_does_nothing_of_what_the_old_one_was_told() {
         }
         let mut ended = rig.ended();
         ended.sort_by_key(|(ticket, _)| *ticket);
-        // A flag may be cleared only when the line is done.
+        // A board may clear a flag only when the line is done.
         let stopped = Outcome::Interrupted(Text::of(&"aborted by uid 7"));
         assert_eq!(ended, [(1, stopped), (2, outcome)], "{flag:#x}");
     }
@@ -532,7 +533,7 @@ fn characters_go_in_time_while_lines_always_wait() {
         rig.send(ticket, "P1=1", Duration::from_secs(60));
     }
     rig.poll();
-    // What the board has not taken a stop would take back.
+    // A stop would take back a line that the board has not taken.
     rig.take();
     rig.poll();
     for ticket in 11..=18 {

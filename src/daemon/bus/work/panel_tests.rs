@@ -1,4 +1,4 @@
-//! Panel requests: what waits for what, and for how long.
+//! Panel requests: which request waits for which event, and for how long.
 
 use super::*;
 use crate::device::FileBoard;
@@ -115,7 +115,7 @@ fn the_stop_of_a_held_jog_leaves_a_killed_motor_alone() {
     queue.end_hold(Ticket(2), Motors::from_bits(0b010), deadline, now);
     assert!(matches!(queue.poll(&mut bus, now).unwrap(), Some(Event::Done(Ticket(2), Outcome::Done))));
     assert_eq!((mask(&mut bus), queue.due()), (0, None), "nothing was to be done");
-    // A jog has just closed the loop, which the report does not know yet.
+    // A jog has just closed the loop, and the report does not show that yet.
     let jog = PanelRequest::of(PANEL, PanelAction::JogPlus, &[2]).unwrap();
     queue.submit(Ticket(3), jog, deadline, now);
     queue.end_hold(Ticket(4), Motors::from_bits(0b010), deadline, now);
@@ -133,7 +133,7 @@ fn the_stop_of_a_held_jog_leaves_a_killed_motor_alone() {
     assert_eq!(mask(&mut bus), 0b010, "it may be moving");
     bus.write16(PANEL.request_enable, 0).unwrap();
     assert!(queue.poll(&mut bus, now).unwrap().is_some());
-    // What somebody asks for by himself is done, also at the end.
+    // The panel carries out a client's own stop, also at the end.
     queue.loops_mut().see_servo(Motors::from_bits(0b011), 30);
     let stop = PanelRequest::of(PANEL, PanelAction::JogStop, &[1]).unwrap();
     queue.end_hold(Ticket(5), Motors::from_bits(0b010), deadline, now);
@@ -143,7 +143,7 @@ fn the_stop_of_a_held_jog_leaves_a_killed_motor_alone() {
     assert_eq!(mask(&mut bus), 0b001);
 }
 
-/// Polls until nothing is told any more: what was told.
+/// Polls until the queue tells nothing more; returns all that it told.
 fn told(queue: &mut PanelQueue, bus: &mut FileBoard, now: Instant) -> Vec<(u64, Outcome)> {
     let events = (0..10).filter_map(|_| queue.poll(bus, now).unwrap());
     let told = events.map(|event| match event {
@@ -208,7 +208,7 @@ fn a_request_under_way_is_answered_however_often_the_board_is_taken_over() {
     let begun = Instant::now();
     let mut queue = PanelQueue::new(&PMAC, begun).unwrap();
     let request = PanelRequest::of(PANEL, PanelAction::JogPlus, &[1]).unwrap();
-    // What the mask is when the board is taken over: whatever it is, the board may have seen the request.
+    // The mask when the daemon takes the board over: whatever the mask, the board may have seen the request.
     for (ticket, mask) in (7..).zip([1, 0, 0xFFFF]) {
         let now = begun + (ticket as u32) * PANEL_REST;
         queue.submit(Ticket(ticket), request, now + PANEL_POLL, now);

@@ -1,4 +1,4 @@
-//! What is asked of a program buffer before a line, and what is believed of the answer.
+//! The daemon's question about a program buffer before a line, and its trust in the answer.
 
 use super::*;
 
@@ -30,7 +30,7 @@ fn a_board_that_does_not_know_the_question_still_gets_lines() {
     assert_eq!(rig.take(), "SIZE");
     rig.poll();
     rig.respond(response::ERROR | 3);
-    // A program's, for all that is known.
+    // A program's error, as far as the daemon knows.
     assert_eq!(rig.take(), "SIZE SIZE");
     rig.poll();
     rig.respond(response::ERROR | 3);
@@ -48,7 +48,7 @@ fn what_may_have_entered_a_buffer_is_not_told_as_done() {
     rig.send(1, "P5=7", Duration::from_secs(60));
     rig.poll();
     assert_eq!(rig.take(), "P5=7");
-    // The serial port was a little sooner.
+    // A host on the serial port was a little sooner.
     rig.queue.see_buffer(Some((true, 2)));
     rig.respond(response::ACKNOWLEDGE);
     let reason = Text::of(&Barred::Open(None).too_late());

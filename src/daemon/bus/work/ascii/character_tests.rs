@@ -33,7 +33,7 @@ fn a_characters_reply_ends_where_our_own_line_is_answered() {
             rig.poll();
             assert_eq!(rig.take_character(), u16::from(POSITIONS));
             rig.poll();
-            // At once: nothing waits for a silence.
+            // The probe goes at once: the daemon does not wait for a silence.
             assert!(rig.loaded(), "{reply:?}");
             reply.iter().for_each(|line| rig.say(line));
             rig.respond(response::ERROR | 5);
@@ -66,7 +66,7 @@ fn a_stop_goes_over_a_report_that_the_board_has_not_taken() {
     rig.poll();
     let killed = Outcome::Interrupted(Text::of(&"killed by uid 7"));
     assert_eq!(rig.ended(), [(1, killed), (2, Outcome::Done)]);
-    // The report may still come.
+    // The board's report may still come.
     rig.say("0 0 0 0 0 0 0 0");
     rig.rest();
     assert_eq!(rig.take(), "I3 I10 I3");
@@ -107,7 +107,7 @@ fn the_board_is_asked_whether_it_takes_control_characters_and_one_that_does_not_
     assert_eq!(rig.queue.state(), CommandState::Answers, "it takes lines");
     rig.rest();
     rig.answer_check();
-    // It may only have been slow.
+    // The board may only have been slow.
     rig.now += Duration::from_secs(5);
     rig.poll();
     assert_eq!(rig.take_character(), u16::from(b'F' - 64));

@@ -1,4 +1,4 @@
-//! Whose an error is: the line's, or a program's.
+//! Finds out whose an error is: the line's, or a program's.
 
 use super::*;
 use crate::daemon::bus::identify::Identifier;
@@ -38,7 +38,7 @@ fn a_line_has_its_own_reply_behind_a_programs_error() {
     ] {
         for is_before_check in [false, true] {
             let mut rig = at(line);
-            // As it goes where the board puts out the next response at once.
+            // So it goes if the board puts out the next response at once.
             rig.bus.write16(PMAC.ascii.response_control, response::ERROR | 5).unwrap();
             let event = rig.queue.ports.poll(&mut rig.bus, rig.now).unwrap().unwrap();
             let poll = Poll { events: &rig.events, publisher: &rig.publisher, now: rig.now };
@@ -162,7 +162,7 @@ fn an_error_in_an_open_buffer_is_settled_by_a_question_that_enters_none() {
 
 #[test]
 fn where_no_program_can_report_one_an_error_is_the_lines_at_once() {
-    // I5, I6, whether a motion program runs, and whether the error is told at once.
+    // I5, I6, whether a motion program runs, and whether the daemon tells the error at once.
     for (i5, i6, runs, at_once) in [
         ("0", "1", Some(false), true),
         ("0", "1", Some(true), false),

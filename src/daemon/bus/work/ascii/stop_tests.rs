@@ -1,9 +1,9 @@
-//! What the caller of a line is told that a stop has ended.
+//! The text to the caller of a line that a stop has ended.
 
 use super::*;
 use crate::function::ascii::hold::HELD_CHARACTER_AGAIN;
 
-/// Its first part fills the buffer.
+/// A line whose first part fills the buffer.
 fn long_line() -> String {
     format!("{:<160} #2J+", "#1J+")
 }
@@ -55,7 +55,7 @@ fn a_line_that_lies_untaken_when_everything_stops_may_have_been_carried_out() {
         rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
         rig.poll();
         assert_eq!(rig.ended(), [(2, Outcome::Done)]);
-        // It goes once more when our own line has been answered.
+        // The stop goes once more when the board has answered the daemon's own line.
         rig.now += Duration::from_millis(1);
         rig.poll();
         rig.poll();
@@ -66,11 +66,11 @@ fn a_line_that_lies_untaken_when_everything_stops_may_have_been_carried_out() {
 }
 
 impl Rig {
-    /// A stop is asked for, handed over and taken.
+    /// A user asks for a stop, the daemon hands it over, and the board takes it.
     fn stop(&mut self, ticket: u64, character: u8) {
         self.control(ticket, character);
         self.poll();
-        // Over a question it goes twice.
+        // Over a question the stop goes twice.
         let mut ended = Vec::new();
         while self.bus.read16(PMAC.ascii.control_character).unwrap() == u16::from(character) {
             self.bus.write16(PMAC.ascii.control_character, 0).unwrap();
@@ -94,7 +94,7 @@ fn of_two_stops_over_one_line_the_stronger_goes_once_more() {
         rig.poll();
         rig.stop(2, first);
         rig.stop(3, second);
-        // Its flag tells when the board is done, however long that takes.
+        // The empty line's flag tells when the board is done, however long that takes.
         rig.now += Duration::from_secs(1);
         rig.poll();
         assert_eq!(rig.take(), "");
@@ -103,7 +103,7 @@ fn of_two_stops_over_one_line_the_stronger_goes_once_more() {
         assert_eq!(rig.take(), "I3 I10 I3");
         rig.answer(&["2", "3713707", "2"]);
         assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(again));
-        // One that comes while that lies there, too.
+        // A character that comes while the repeated one is in the word goes, too.
         rig.stop(4, control::KILL);
         rig.now += HELD_CHARACTER_AGAIN;
         rig.poll();
@@ -137,7 +137,7 @@ fn a_line_that_lies_untaken_behind_an_error_is_made_empty_before_a_stop() {
     let mut rig = Rig::new();
     rig.send(1, "#1J+", Duration::from_secs(600));
     rig.poll();
-    // A program's.
+    // A program's error.
     rig.respond(response::ERROR | 5);
     assert!(rig.loaded());
     rig.control(2, control::ABORT);

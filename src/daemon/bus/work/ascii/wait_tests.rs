@@ -1,4 +1,4 @@
-//! Until when a command may be begun.
+//! Until when the daemon may begin a command.
 
 use super::*;
 use crate::daemon::shared::queue::GivenUp;
@@ -21,7 +21,7 @@ fn a_line_whose_time_is_over_is_never_begun() {
         rig.poll();
         assert!(!rig.loaded(), "its caller has been told that it was not done");
     }
-    // The board answers: they only came too late.
+    // The board answers: the lines only came too late.
     let busy = |ticket| (ticket, Outcome::Busy);
     assert_eq!(rig.ended(), [(1, Outcome::Done), busy(2), busy(3), busy(4)]);
     assert_eq!(rig.queue.state(), CommandState::Answers);
@@ -56,7 +56,8 @@ fn a_line_that_waited_is_not_begun_just_before_its_deadline() {
     rig.send(3, "P3=1", Duration::from_secs(60));
     rig.poll();
     rig.take();
-    // It would have to be given up 5 ms later, which holds the port for everybody, and says that the board is silent.
+    // The daemon would have to give the line up 5 ms later. That would hold the port for all clients, and call the
+    // board silent.
     rig.now += Duration::from_millis(995);
     rig.respond(response::ACKNOWLEDGE);
     rig.now += PORT_REST;
@@ -115,7 +116,7 @@ fn a_question_of_our_own_waits_as_long_as_lines_of_its_reply_come() {
     assert_eq!(rig.queue.state(), CommandState::Answers);
     rig.poll();
     assert_eq!(rig.take(), "VERSION");
-    // Not for ever.
+    // The daemon does not wait for ever.
     for _ in 0..11 {
         rig.say("1.16D");
         rig.now += Duration::from_millis(490);
@@ -137,7 +138,7 @@ fn a_character_that_only_waited_for_a_line_says_nothing_of_the_board() {
     assert_eq!(rig.queue.state(), CommandState::Unknown);
 }
 
-/// A window that nobody answers behind reads all ones.
+/// A window without a board behind it reads all ones.
 #[test]
 fn a_board_that_is_gone_is_not_tried_without_a_pause() {
     let mut rig = Rig::new();
