@@ -1,7 +1,8 @@
 //! Starts and stops the daemon: the whole order in one place.
 //!
-//! settings → a look at the board → board → privileges given up → segment → socket → bus thread → wait for a signal → the same backwards. A
-//! board that needs no special right opens after the name is taken, so that a second daemon learns who has the name.
+//! settings → a look at the board → board → privileges given up → segment → socket → bus thread → wait for a signal →
+//! the same backwards. If the board needs no special right, the daemon takes the name before it opens the board, so
+//! that a second daemon learns which daemon has the name.
 
 use std::ffi::OsString;
 use std::io::Write;
@@ -59,7 +60,7 @@ pub fn main() -> ExitCode {
 /// As [`main`], with these arguments, the program's name first. Needs a process with one thread, or a test.
 #[must_use]
 pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
-    // Without this, a full file ends the program as before, and without a word.
+    // Without this, a full file ends the program without a word.
     let _ = survive_file_size_limit();
     let _ = end_on_bus_error(MEMORY_GONE, exit::UNAVAILABLE);
     let in_journal = journal::is_journal(&std::io::stderr());
@@ -81,7 +82,7 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
             Failure::new(if error.is_typed() { exit::USAGE } else { exit::CONFIGURATION }, error)
         })
         .and_then(|settings| if options.check { Ok(()) } else { run(&settings, &options, &mut log_writer) });
-    // The thread may not have started yet: write what was logged before.
+    // The thread may not have started yet: writes the log so far.
     let _ = log_writer.start();
     log.finish();
     match ended {
@@ -96,7 +97,7 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 }
 
 fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<(), Failure> {
-    // First of all: from now on signals are queued.
+    // First of all: from now on the daemon queues signals.
     let mut signals = Signals::take().map_err(|error| Failure::system("signals", error))?;
     let mut manager = Manager::from_environment();
     let account = options.user.as_deref().map(Account::named).transpose()?;
@@ -124,7 +125,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         // This comes after the change of user, which would undo it.
         crate::process::end_with_parent(parent).map_err(|error| Failure::new(exit::SYSTEM, error))?;
     }
-    // A long recording takes seconds to read. Nobody shall take a daemon that reads for one that hangs.
+    // A long recording takes seconds to read. A daemon that reads must not look like one that hangs.
     let early = match early {
         None if matches!(settings.board, BoardSpec::Replay { .. }) => {
             Some(Machine::open(settings, &inherited, &clock)?)
@@ -195,7 +196,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     how_it_ended(simulator_ended, bus_thread_ended, !may_move.is_empty())
 }
 
-/// Fails where the process may open too few files for its clients.
+/// Fails if the process may open too few files for its clients.
 fn enough_descriptors() -> Result<(), Failure> {
     let left = descriptors_left();
     if left >= FEWEST_DESCRIPTORS {
@@ -226,7 +227,7 @@ fn how_it_ended(
     Err(Failure::new(status, reason))
 }
 
-/// Asks the kernel for processors that wake up fast. Without them the daemon works, but later: a refusal is logged.
+/// Asks the kernel for processors that wake up fast. Without them the daemon works, but later, so it logs a refusal.
 fn cpu_latency(latency_us: u32, inherited: &Inherited) -> Option<CpuLatency> {
     match CpuLatency::hold(latency_us, &System::here(), inherited) {
         Ok(held) => {

@@ -11,7 +11,7 @@ use super::socket::options::ServeError;
 use crate::device::refusal::{OpenError, Why};
 use crate::segment::SegmentError;
 
-/// The command line is wrong. Nothing has been done.
+/// The command line is wrong. The daemon has done nothing.
 pub const USAGE: u8 = 64;
 /// The board, its name or its socket is missing, or another daemon has it. A restart may help.
 pub const UNAVAILABLE: u8 = 69;
@@ -32,7 +32,7 @@ pub const CONFIGURATION: u8 = 78;
 pub struct Failure {
     /// One of this module's statuses.
     pub status: u8,
-    /// What, where, what to do.
+    /// The fault, its place and the remedy.
     pub reason: String,
 }
 
@@ -49,7 +49,7 @@ impl Failure {
         Self::new(SYSTEM, format!("{what}: {error}"))
     }
 
-    /// The board cannot be opened: a right is missing, or the board is.
+    /// The daemon cannot open the board: a right or the board is missing.
     #[must_use]
     pub fn board(error: &(dyn Error + 'static)) -> Self {
         Self::new(if lacks_right(error) { NO_PERMISSION } else { UNAVAILABLE }, error)
@@ -97,7 +97,7 @@ impl From<ListenError> for Failure {
             ListenError::Foreign(_) => CONFIGURATION,
             ListenError::Group { source, .. } if source.is_of_settings() => CONFIGURATION,
             other if lacks_right(other) => NO_PERMISSION,
-            // Its directory is not there, or is none.
+            // The directory of the socket is missing, or is no directory.
             ListenError::Io { source, .. } if is_missing(source) => UNAVAILABLE,
             _ => SYSTEM,
         };
@@ -153,7 +153,7 @@ mod tests {
         assert_eq!(Failure::from(ListenError::Served("x".into())).status, 69);
         let unknown = PolicyError::NoSuchGroup("x".to_owned());
         assert_eq!(Failure::from(ServeError::Policy(unknown)).status, 78);
-        // A name service may come to itself.
+        // A name service may recover.
         let failed = || PolicyError::Lookup { group: "x".to_owned(), source: nix::Error::EIO };
         assert_eq!(Failure::from(ServeError::Policy(failed())).status, 71);
         assert_eq!(Failure::from(ListenError::Group { path: "x".into(), source: failed() }).status, 71);

@@ -12,9 +12,9 @@ use crate::device::{Inherited, System};
 pub struct Machine {
     /// The board.
     pub board: Board,
-    /// Its mailbox circuit, on a board that has one.
+    /// The board's mailbox circuit, if the board has one.
     pub mailbox: Option<MailboxDriver>,
-    /// Its interrupt controller, if the daemon serves it.
+    /// The board's interrupt controller, if the daemon serves it.
     pub host_port: Option<HostPortDriver>,
 }
 
@@ -22,7 +22,7 @@ impl Machine {
     /// Opens everything that `settings` name. A replay plays in the time of `clock`.
     ///
     /// # Errors
-    /// What could not be opened, why, and what to do.
+    /// Names the part that the daemon cannot open, the reason and the remedy.
     pub fn open(settings: &Settings, inherited: &Inherited, clock: &Clock) -> Result<Self, Failure> {
         let system = &System::here();
         let failed = |what: &str, error: &(dyn std::error::Error + 'static)| {

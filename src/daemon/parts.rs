@@ -39,24 +39,24 @@ use crate::segment::{BlockPlace, ClockKind, CreateOptions, Identity, Publisher, 
 
 /// The length of the queue of events for the socket thread.
 const EVENTS: usize = 256;
-/// Accesses that the trace has room for: about half a second's.
+/// The number of accesses that the trace has room for: about half a second's.
 const TRACED: usize = 1 << 18;
 
-/// The parts.
+/// The daemon's parts.
 pub struct Parts {
-    /// The bus thread's.
+    /// The bus thread's loop.
     pub board_loop: BoardLoop,
-    /// The socket's server's.
+    /// The server of the command socket.
     pub backend: Backend,
-    /// A write to it ends the loop.
+    /// A write to this descriptor ends the loop.
     pub stop: Arc<EventFd>,
     /// The daemon's own simulator. It ends on drop.
     pub simulator: Option<Simulator>,
 }
 
 impl Parts {
-    /// Puts the parts together. Nothing touches the board before the loop is polled. The definitions of M-variables in `blocks` are
-    /// asked for first.
+    /// Puts the parts together. Nothing touches the board before the first poll of the loop. The daemon first asks for
+    /// the definitions of the M-variables in `blocks`.
     ///
     /// # Errors
     /// The kernel gives no event descriptor.
@@ -104,7 +104,7 @@ impl Parts {
         let scan = MemoryScan::new(settings.family, asks && settings.ask_m_variables && tells, blocks, now);
         let ports = CommandPorts::new(settings.family, settings.text_order, mailbox);
         let ports = match (&replies, asks) {
-            // No host was there before.
+            // A replay has had no other host before.
             (Some(_), _) => ports,
             (None, true) => ports.after_another_host(now),
             (None, false) => ports.silent_until_used(),
@@ -156,7 +156,8 @@ impl Parts {
     }
 }
 
-/// The segment of `settings`: its name, its readers, and the regions that this version publishes. Its times are `clock`'s.
+/// The segment of `settings`: its name, its readers, and the regions that this version publishes. Its times are those
+/// of `clock`.
 ///
 /// # Errors
 /// A group does not exist.
@@ -216,7 +217,8 @@ fn configured_identity(settings: &Settings) -> Identity {
     identity
 }
 
-/// The motors that are reported, as far as that is known without asking: where the host chooses them, those that are read.
+/// The motors that the board reports, as far as the daemon knows them without a question: if the host chooses the
+/// motors, those that the daemon reads.
 fn motor_mask(settings: &Settings) -> Option<u32> {
     let Settings { family, motors, .. } = settings;
     if family.servo.mask.is_none() {

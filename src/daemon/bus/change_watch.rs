@@ -129,7 +129,7 @@ mod tests {
             turbo.told(48, 0, at(1));
             assert_eq!(changes(&turbo).is_empty(), is_ours, "{line}");
         }
-        // A change is no more of interest once the variable is set through the daemon.
+        // A change no longer matters once a client sets the variable through the daemon.
         watch.line_goes(&Meaning::of("I55=1"));
         assert!(changes(&watch).is_empty());
     }

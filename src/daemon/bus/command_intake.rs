@@ -1,4 +1,4 @@
-//! Where commands come from and answers go: the queues from and to the socket's thread.
+//! The queues of commands from the socket's thread, and of answers to it.
 
 use std::os::fd::BorrowedFd;
 
@@ -8,18 +8,18 @@ use crate::daemon::shared::queue::{Command, Event, Receive, Sender};
 pub struct CommandIntake {
     commands: Receive<Command>,
     events: Sender<Event>,
-    /// An answer for which the queue to the socket had no room. Until it is gone no command is taken.
+    /// An answer for which the queue to the socket had no room. Until it is gone the bus thread takes no command.
     unsent: Option<Event>,
 }
 
 impl CommandIntake {
-    /// Takes from `commands` and answers to `events`.
+    /// Takes commands from `commands`, and answers to `events`.
     #[must_use]
     pub const fn new(commands: Receive<Command>, events: Sender<Event>) -> Self {
         Self { commands, events, unsent: None }
     }
 
-    /// To the socket.
+    /// The queue of events to the socket.
     #[must_use]
     pub const fn events(&self) -> &Sender<Event> {
         &self.events
@@ -31,7 +31,7 @@ impl CommandIntake {
         self.unsent.is_some()
     }
 
-    /// Readable while commands may wait; `None` while no command is taken.
+    /// Readable while commands may wait; `None` while the bus thread takes no command.
     #[must_use]
     pub fn descriptor(&self) -> Option<BorrowedFd<'_>> {
         (!self.is_held_up()).then(|| self.commands.descriptor())
@@ -55,23 +55,23 @@ impl CommandIntake {
         }
     }
 
-    /// Forgets that there was something to read; to be called before the first [`Self::take`].
+    /// Forgets that there was a command to read. Call this before the first [`Self::take`].
     pub fn clear(&self) {
         self.commands.clear();
     }
 
-    /// Commands may be left that were not taken.
+    /// Keeps the descriptor readable: the queue may still have commands.
     pub fn keep_awake(&self) {
         self.commands.keep_awake();
     }
 
-    /// The next command; `None` when there is none, or while no command is taken.
+    /// The next command; `None` if no command waits, or while the bus thread takes none.
     #[must_use]
     pub fn take(&self) -> Option<Command> {
         if self.is_held_up() { None } else { self.commands.try_receive() }
     }
 
-    /// At the end: the next command, whatever waits for room.
+    /// At the end: the next command, even if an answer waits for room.
     #[must_use]
     pub fn drain(&self) -> Option<Command> {
         self.commands.try_receive()

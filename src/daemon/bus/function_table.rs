@@ -350,7 +350,7 @@ impl FunctionTable {
         self.uses.of(function) == FunctionState::On
     }
 
-    /// Which functions the daemon uses, and what keeps it from the others.
+    /// The functions that the daemon uses, and the reasons against the others.
     #[must_use]
     pub const fn uses_of_all(&self) -> &FunctionUse {
         &self.uses
@@ -396,7 +396,7 @@ impl FunctionTable {
             shared.has(function) || function == Function::Ascii || in_use
         });
         if matches!(outcome, ScanOutcome::Unknown | ScanOutcome::Unclear(_)) {
-            // No M-variable is known to point into the words of the functions that still wait.
+            // The daemon knows no M-variable that points into the words of the functions that still wait.
             Function::ALL.into_iter().for_each(|function| self.uses.begin(function));
         }
         if outcome != ScanOutcome::More {

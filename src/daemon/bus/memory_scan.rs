@@ -58,7 +58,7 @@ pub struct MemoryScan {
     family: &'static Family,
     /// All M-variables, in the order of the questions.
     spans: Box<[Range<u16>]>,
-    /// The span under question; past the last span once all are asked.
+    /// The span under question; past the last span once the daemon has asked all.
     span: usize,
     /// The M-variable to ask for next.
     next: u16,
@@ -96,14 +96,14 @@ pub struct MemoryScan {
     has_failed: bool,
     /// The outcome of the questions, until the loop takes it.
     outcome: Option<Outcome>,
-    /// The scan has yet to tell whether all definitions are known.
+    /// The scan has yet to tell whether the daemon knows all definitions.
     is_awaited: bool,
     wanted: bool,
 }
 
 impl MemoryScan {
-    /// Asks the board, of `family`, from `now` on, if `wanted`: first for the `blocks` that had such a definition last
-    /// time.
+    /// Asks the board, of `family`, from `now` on, if `wanted`: first for the `blocks` in which the daemon found
+    /// definitions last time.
     #[must_use]
     pub fn new(family: &'static Family, wanted: bool, blocks: Arc<DefinitionBlocks>, now: Instant) -> Self {
         let spans = blocks.order(m_variables(family));
@@ -305,7 +305,8 @@ impl MemoryScan {
         }
     }
 
-    /// The board answers other questions of the daemon's: it will come to these, unless the last of these failed.
+    /// The board answers the daemon's other questions: it will come to the scan's, unless the scan's last question
+    /// failed.
     pub const fn is_answering(&mut self, now: Instant) {
         if !self.has_failed {
             self.progress = now;

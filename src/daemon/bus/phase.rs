@@ -7,9 +7,9 @@ use crate::daemon::bus::timing::{FIRST_REACH, LAST_STOP};
 /// A phase of the bus thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LoopPhase {
-    /// The board has not been touched.
+    /// The bus thread has not touched the board.
     Begin,
-    /// The board's page is written. The DPRAM must become visible by a time.
+    /// The bus thread has written the board's page. The DPRAM must become visible by a time.
     Reaching {
         /// The time limit.
         until: Instant,
@@ -18,7 +18,7 @@ pub enum LoopPhase {
     },
     /// The normal phase.
     Running,
-    /// Held jogs are being stopped.
+    /// The bus thread stops the held jogs.
     Stopping {
         /// The time limit.
         until: Instant,
@@ -30,13 +30,13 @@ pub enum LoopPhase {
 }
 
 impl LoopPhase {
-    /// The phase after the board's page was written `now`.
+    /// The phase after the bus thread has written the board's page `now`.
     #[must_use]
     pub fn reaching(now: Instant) -> Self {
         Self::Reaching { until: now + FIRST_REACH, due_ns: 0 }
     }
 
-    /// The phase after the loop was asked `now` to end.
+    /// The phase after the daemon has asked the loop `now` to end.
     #[must_use]
     pub fn stopping(now: Instant) -> Self {
         Self::Stopping { until: now + LAST_STOP, due_ns: 0 }

@@ -84,7 +84,8 @@ impl Reporter {
                     (ReportStart::Gather, _) => {
                         format!("is I{enable}=1, I{period}>0{reported}, and GATHER given?")
                     }
-                    // Turbo User Manual p. 403: a period of 0 is a report whenever the last one was taken.
+                    // Turbo User Manual p. 403: with a period of 0 the board makes a report whenever the host has taken
+                    // the last one.
                     (ReportStart::Enable, None) => format!("is I{enable}=1?"),
                     (ReportStart::Enable, Some(other)) => {
                         format!("is I{enable}=1, or I{other}=1 and I{background}=1?")
@@ -104,7 +105,7 @@ impl Reporter {
         }
     }
 
-    /// The reporter of a replay: nobody can change the settings of its board.
+    /// The reporter of a replay: no host can change the settings of its board.
     pub fn of_replay(mut self) -> Self {
         self.hints = ["servo data", "background data", "answers"]
             .map(|what| format!("this is a replay: the recording has no {what} of this time"));

@@ -1,4 +1,5 @@
-//! The settings of a board that no manual decides. Checked at the start, and again when the firmware is known.
+//! The settings of a board that no manual decides. The daemon checks them at the start, and again once it knows the
+//! firmware.
 
 use super::span::Refusal;
 use crate::map::{BadFirmware, BufferLayout, Family, Firmware};
@@ -13,7 +14,8 @@ pub struct CheckedSettings {
 }
 
 impl CheckedSettings {
-    /// Checks `settings` for a board of `family`. The firmware is known only if it is configured.
+    /// Checks `settings` for a board of `family`. The daemon knows the firmware here only if the configuration gives
+    /// it.
     ///
     /// # Errors
     /// Names the setting, its value and the allowed values, or the buffers that overlap.
@@ -47,7 +49,7 @@ impl CheckedSettings {
         self.family
     }
 
-    /// The layout of the buffers before the board's firmware is known.
+    /// The layout of the buffers before the daemon knows the board's firmware.
     #[must_use]
     pub const fn layout(&self) -> BufferLayout {
         self.layout

@@ -7,7 +7,7 @@ use crate::daemon::socket::policy::{PolicyError, group_id};
 use crate::map::{Family, Readings};
 use crate::protocol::{Function, Functions, ServoSettings};
 
-/// Parses an octal file mode. A number is refused: 660 and 0o660 would mean different modes.
+/// Parses an octal file mode. Refuses a number: 660 and 0o660 would mean different modes.
 fn mode(key: &str, value: &toml::Value) -> Result<u32, Refusal> {
     let text = value.as_str().unwrap_or_default();
     let number = u32::from_str_radix(text, 8).ok().filter(|mode| *mode <= 0o777 && text.len() >= 3);

@@ -52,13 +52,13 @@ pub struct ConfigFile {
     segment_mode: Option<toml::Value>,
     /// pmac, pmac2, turbo, turbo2 or auto.
     family: Option<String>,
-    /// Firmware, as "1.16D", for a board that cannot be asked.
+    /// Firmware, as "1.16D", for a board that the daemon cannot ask.
     firmware: Option<String>,
-    /// Motors to read (I59, on Turbo boards the mask), for a board that cannot be asked.
+    /// Motors to read (I59, on Turbo boards the mask), for a board that the daemon cannot ask.
     motors: Option<u32>,
-    /// I10, for a board that cannot be asked.
+    /// I10, for a board that the daemon cannot ask.
     i10: Option<u32>,
-    /// I19, for a board that cannot be asked.
+    /// I19, for a board that the daemon cannot ask.
     i19: Option<u32>,
     servo_reading: Option<ServoReading>,
     word_order: Option<WordOrder>,
@@ -142,7 +142,7 @@ pub struct Settings {
     pub board_text: String,
     /// The segment's name.
     pub name: SegmentName,
-    /// The command socket; `None`: the first of the usual places that can be used.
+    /// The command socket; `None`: the first usual place that the daemon can use.
     pub socket: Option<PathBuf>,
     /// Mode of the socket file.
     pub socket_mode: u32,
@@ -156,17 +156,17 @@ pub struct Settings {
     pub family: &'static Family,
     /// The source of the family.
     pub family_known: FamilyKnown,
-    /// Firmware, for a board that cannot be asked.
+    /// Firmware, for a board that the daemon cannot ask.
     pub firmware: Option<String>,
-    /// Motors to read, for a board that cannot be asked.
+    /// Motors to read, for a board that the daemon cannot ask.
     pub motors: Option<u32>,
     /// Names and units of motors.
     pub motor_names: Vec<MotorNames>,
     /// Words that the site's own programs write.
     pub user: UserArea,
-    /// I10, where the board cannot be asked.
+    /// I10, for a board that the daemon cannot ask.
     pub i10: Option<u32>,
-    /// I19, where the board cannot be asked.
+    /// I19, for a board that the daemon cannot ask.
     pub i19: Option<u32>,
     /// The reading mode of the servo buffer.
     pub servo_reading: ServoReading,

@@ -28,7 +28,7 @@ pub struct UserTable {
     rate_hz: Option<toml::Value>,
 }
 
-/// The words, and when they are read: at the highest of their rates.
+/// The words, and when the daemon reads them: at the highest of their rates.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UserArea {
     /// The words.

@@ -1,4 +1,5 @@
-//! Whether the servo report runs, seen by its timer: a word that changes with every update, and that nobody else writes.
+//! Whether the servo report runs, seen by its timer: a word that changes with every update, and that only the board
+//! writes.
 
 use std::time::Duration;
 
@@ -9,8 +10,8 @@ use crate::map::Family;
 /// How often to look.
 const REPORT_LOOK: Duration = Duration::from_millis(5);
 
-/// Looks at the timer until it has changed, or for so long. A board that is slow with a command may pause its report: only a
-/// timer that stands still all the time is one of a report that does not run.
+/// Looks at the timer until it has changed, for at most `patience`. A board that is slow with a command may pause its
+/// report: only a timer that never changes shows that the report does not run.
 pub(super) async fn report_runs(io: &Io, family: &Family, patience: Duration) -> bool {
     let until = io.now() + patience;
     let mut first = None;

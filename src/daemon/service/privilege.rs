@@ -20,14 +20,14 @@ use crate::process::capabilities::{self, CapabilityError, SETS};
 /// Locking fails below this limit, because the kernel counts the whole address space.
 const ENOUGH_BYTES: u64 = 1 << 30;
 
-/// A right could not be given up, or the new user could not be looked up.
+/// The process could not give up a right, or could not look up the new user.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PrivilegeError {
     /// The system does not know the user.
     #[error("user {0:?} does not exist; create it or correct --user")]
     NoSuchUser(String),
-    /// The user data base cannot be read.
+    /// The process cannot read the user data base.
     #[error("looking up user {user:?}: {source}")]
     Lookup {
         /// The user.
@@ -51,7 +51,7 @@ pub enum PrivilegeError {
         /// The kernel's error.
         reason: String,
     },
-    /// A capability could not be given up.
+    /// The process could not give up a capability.
     #[error(transparent)]
     Capabilities(#[from] CapabilityError),
     /// The kernel reported success, but a right is left.

@@ -105,7 +105,7 @@ impl Pending {
 pub(super) struct Ended {
     /// The continuation.
     pub then: Then,
-    /// What the command does, if the board has carried it out.
+    /// The command's effect, if the board has carried it out.
     pub effect: CommandEffect,
     /// The command's outcome.
     pub heard: Heard,

@@ -81,7 +81,7 @@ pub(super) struct Client {
     input_ended: bool,
     /// The client will read no more either.
     hung_up: bool,
-    /// The connection ends as soon as its output is sent.
+    /// The connection ends as soon as the server has sent its output.
     closing: bool,
     /// The server has told the client to ask again, as the daemon does not use the function yet.
     asks_again: bool,
@@ -89,7 +89,7 @@ pub(super) struct Client {
     outdated: Option<(usize, Text<REASON_MAX>)>,
     /// More bytes than that are unread, an unknown number.
     outdated_unread: bool,
-    /// The reason, if the last call taken was sent before the stop.
+    /// The reason, if the client sent the last call before the stop.
     call_outdated: Option<Text<REASON_MAX>>,
 }
 
@@ -220,7 +220,7 @@ impl Client {
                         self.outdated_unread = false;
                     }
                     if count < chunk.len() && !self.hung_up {
-                        // All bytes are read. The poll reports later ones.
+                        // The server has read all bytes. The poll reports later ones.
                         break;
                     }
                 }
@@ -336,7 +336,7 @@ impl Client {
         };
     }
 
-    /// Ends the connection as soon as its output is sent.
+    /// Ends the connection as soon as the server has sent its output.
     pub(super) fn close(&mut self) {
         self.closing = true;
         self.half_sent_since = None;

@@ -1,4 +1,4 @@
-//! Asks what is left in the rotary buffers before a start would run it.
+//! Asks which lines are left in the rotary buffers before a start would run them.
 //!
 //! `PR` tells how many lines are left, and is an error where no rotary buffer is defined (Turbo Software Reference p.
 //! 286). If a board answered an error for a buffer with lines in it, the board would run them anyway; the question

@@ -22,7 +22,7 @@ use crate::segment::{FileId, file_at};
 /// The mode of a directory that the daemon makes for the socket.
 pub const DIRECTORY_MODE: u32 = 0o755;
 
-/// The socket cannot be put in its place.
+/// The daemon cannot put the socket in its place.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ListenError {
@@ -32,7 +32,7 @@ pub enum ListenError {
     /// The path is not a socket, so it is not deleted.
     #[error("{0}: exists and is not a socket; move it away or choose another --socket")]
     Foreign(PathBuf),
-    /// The group in the settings cannot be looked up.
+    /// The daemon cannot look up the group in the settings.
     #[error("{path}: {source}")]
     Group {
         /// The socket.

@@ -112,7 +112,7 @@ pub enum PolicyError {
     /// The system does not know the group.
     #[error("group {0:?} does not exist; create it or correct the settings")]
     NoSuchGroup(String),
-    /// The group data base cannot be read.
+    /// The daemon cannot read the group data base.
     #[error("looking up group {group:?}: {source}; see to the name service (/etc/nsswitch.conf)")]
     Lookup {
         /// The group.

@@ -36,7 +36,8 @@ pub(super) enum Tells {
     ReportCycles,
     /// The servo report is on.
     ServoReport,
-    /// 1: the servo report is on, and made in the background, so that no number of servo cycles lies between two.
+    /// 1: the servo report is on, and the board makes it in the background, so that no number of servo cycles separates
+    /// two reports.
     ServoInBackground,
     /// The background report is on.
     BackgroundReport,
@@ -50,7 +51,7 @@ pub(super) enum Tells {
     Handshake,
     /// Which PLC programs may run (I5): 0, none.
     PlcControl,
-    /// How errors are reported (I6): 2, none of programs.
+    /// How the board reports errors (I6): 2, none of programs.
     ErrorReport,
 }
 
@@ -71,7 +72,7 @@ pub(super) fn questions(family: &Family) -> Vec<Question> {
     ];
     let reports = reports.into_iter().filter_map(|(number, meaning)| Some((number?, meaning)));
     let mut questions = vec![Question::Type, Question::Version, Question::Reports(reports.collect())];
-    // A line must fit into one part: only some families are known to join two parts.
+    // A line must fit into one part: the daemon knows only some families that join two parts.
     let limit = (family.ascii.command_bytes - 1).min(LINE_MAX);
     let mut first = 1;
     for motor in 1..=family.motors {
@@ -81,7 +82,7 @@ pub(super) fn questions(family: &Family) -> Vec<Question> {
         }
     }
     questions.push(Question::Scales(first..=family.motors));
-    // In a question of their own: old captures have no answer to these.
+    // These variables have a question of their own: old captures have no answer to it.
     questions
         .push(Question::Reports(vec![(PLC_CONTROL, Tells::PlcControl), (ERROR_REPORT, Tells::ErrorReport)]));
     questions

@@ -118,7 +118,7 @@ impl HostPortDriver {
         }
     }
 
-    /// Interrupts came, after `responses` responses had been taken from the DPRAM.
+    /// Interrupts came, after the daemon had taken `responses` responses from the DPRAM.
     pub fn interrupted(&mut self, responses: u64) {
         self.pending.get_or_insert(responses);
     }

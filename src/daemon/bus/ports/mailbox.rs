@@ -65,8 +65,8 @@ fn open(
 }
 
 impl MailboxDriver {
-    /// Opens the registers and, if they can be opened only now, the interrupts. The board takes lines of at most
-    /// `line_limit` characters.
+    /// Opens the registers, and also the interrupts if the daemon can open them only now. The board takes lines of at
+    /// most `line_limit` characters.
     ///
     /// # Errors
     /// Names the registers or interrupt that the daemon cannot open, the reason and the remedy.

@@ -160,9 +160,9 @@ pub struct AsciiQueue {
     own_was_last: bool,
     /// Events for the socket. While the outbox is full, the daemon takes nothing more from the board.
     outbox: Outbox,
-    /// The identity, and when it is asked.
+    /// The identity, and when the daemon asks for it.
     pub identifier: Identifier,
-    /// Where the board's own programs keep data, and when it is asked.
+    /// Where the board's own programs keep data, and when the daemon asks for that.
     pub scan: MemoryScan,
     state: CommandState,
     line_pace: LinePace,

@@ -133,7 +133,7 @@ impl RotaryQueue {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
-        // Late batches first: their callers have been told by now, so nothing more of them may go in.
+        // Late batches first: the server has told their callers by now, so nothing more of them may go in.
         if let Some(index) = self.waiting.iter().position(|batch| now >= batch.deadline)
             && let Some(late) = self.waiting.remove(index)
         {

@@ -7,11 +7,11 @@ use crate::device::{Bus, BusError};
 use crate::function::line_port::PortError;
 use crate::mirror::VariableMirror;
 
-/// Background variables: those that are read, and those that are written.
+/// Background variables: those that the daemon reads, and those that it writes.
 pub struct Variables {
-    /// Those that are read.
+    /// The variables that the daemon reads.
     pub read: VariableMirror,
-    /// Those that are written.
+    /// The variables that the daemon writes.
     pub write: WriteQueue,
 }
 

@@ -1,4 +1,4 @@
-//! A gather as it was called for.
+//! The client's request for a gather.
 
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::parameters::inside;
@@ -7,7 +7,7 @@ use crate::gather::{GatherMode, MOST_PERIOD, gather_lines};
 use crate::map::{Family, GatherPlace, PmacRegister};
 use crate::protocol::{CallError, Function, calls};
 
-/// A gather as it was called for.
+/// A client's request for a gather.
 #[derive(Debug)]
 pub struct GatherCall {
     pub(super) family: &'static Family,
@@ -15,15 +15,15 @@ pub struct GatherCall {
     /// The lines up to `DEFINE GATHER`.
     pub(super) lines: Vec<String>,
     pub(super) servo_period_ns: Option<u64>,
-    /// Whether the servo report is used.
+    /// Whether the gather uses the servo report.
     pub(super) uses_report: bool,
 }
 
 impl GatherCall {
-    /// What `call` asks for.
+    /// The request that `call` makes.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// The fault in the call.
     pub fn of(call: calls::GatherStart, info: &Info) -> Result<Self, CallError> {
         let calls::GatherStart { registers, size_longs, period, wrap, servo_period_ns, .. } = call;
         let family = info.family();
@@ -42,7 +42,8 @@ impl GatherCall {
         let registers = registers.iter().map(|text| PmacRegister::parse(text, family));
         let registers: Vec<PmacRegister> =
             registers.collect::<Result<_, _>>().map_err(|reason| CallError::invalid("registers", reason))?;
-        // A longer one does not fit the variable: the board would make another period of it, or 0, which ends the report.
+        // A longer period does not fit the variable: the board would make another period of it, or 0, which ends the
+        // report.
         if !(1..=MOST_PERIOD).contains(&period) {
             return Err(CallError::invalid("period", format_args!("1 to {MOST_PERIOD} servo cycles")));
         }

@@ -1,6 +1,6 @@
 //! Jogs to a position.
 //!
-//! The daemon asks the board which motor is addressed, then sends the line that jogs and puts the address back. Both
+//! The daemon asks the board which motor it addresses, then sends the line that jogs and puts the address back. Both
 //! lines are on-line only: no program buffer takes them.
 
 use std::time::Instant;
@@ -16,10 +16,10 @@ use crate::daemon::socket::jog_to::JogTo;
 use crate::protocol::{CallError, Reply};
 
 impl Service {
-    /// Asks the board for `caller` which motor is addressed; once the board has told, sends the line.
+    /// Asks the board for `caller` which motor it addresses; once the board has told, sends the line.
     ///
     /// # Errors
-    /// Why nothing was sent.
+    /// Why the daemon has sent nothing.
     pub(super) fn jog_to(&mut self, caller: Caller, jog: JogTo, deadline: Instant) -> Answered {
         // Another client may have begun to hold the motor while the daemon asked the board.
         self.may_jog(caller, jog)?;

@@ -20,7 +20,7 @@ impl Service {
     /// lines left in rotary buffers shall run.
     ///
     /// # Errors
-    /// Why not; nothing was sent.
+    /// Why not; the daemon has sent nothing.
     pub(super) fn may_send(
         &mut self,
         client: u64,
@@ -111,7 +111,7 @@ impl Service {
     /// Checks that programs may start: the daemon is not ending a stream that feeds them, and no lines are left there.
     ///
     /// # Errors
-    /// Why not; nothing was sent.
+    /// Why not; the daemon has sent nothing.
     pub(super) fn may_start(&mut self, starts: Starts) -> Result<(), CallError> {
         if self.sequences.is_ending_feed(starts.systems) {
             return Err(CallError::refused(
