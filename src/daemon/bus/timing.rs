@@ -1,8 +1,8 @@
 //! How long the bus thread waits for each event, in one place, so that the order of these times can be seen and
 //! checked.
 //!
-//! A time of the board's own handshake stands with its function (`crate::function`); a time of the loop's rounds, in nanoseconds,
-//! with the loop.
+//! A time of the board's own handshake stands with its function (`crate::function`); a time of the loop's rounds, in
+//! nanoseconds, with the loop.
 
 use std::time::Duration;
 

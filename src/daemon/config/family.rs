@@ -33,8 +33,8 @@ pub type Recognised = Option<&'static Family>;
 /// `family`, `seen` the recognised family.
 ///
 /// # Errors
-/// The setting that is wrong, and why: an unknown family; a simulator of another family than is written, or with a DPRAM that
-/// no board of the family has.
+/// The setting that is wrong, and why: an unknown family; a simulator of another family than is written, or with a
+/// DPRAM that no board of the family has.
 pub(super) fn candidates(
     board: &BoardSpec,
     written: Option<&str>,

@@ -16,7 +16,7 @@ use crate::protocol::control;
 pub struct Starts {
     /// Their coordinate systems.
     pub systems: Systems,
-    /// The caller says that the lines left shall run.
+    /// The caller confirms that the lines left are to run.
     pub confirmed: bool,
 }
 

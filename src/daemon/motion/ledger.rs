@@ -25,7 +25,7 @@ use crate::daemon::shared::open_buffer::Account;
 use crate::function::servo::Motion;
 use crate::map::Motors;
 
-/// How motors were set in motion.
+/// How a client has set motors in motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 enum Way {
     /// By the panel, as long as this client holds the motors.

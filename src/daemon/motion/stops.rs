@@ -1,7 +1,8 @@
 //! The stops under way: by the panel, by command line if the panel did not take the stop, and by ^A if the motors of a
 //! held jog go on all the same.
 //!
-//! A motor stands when the servo report says so: its desired velocity is zero (bit 13 of the servo status), or its loop is open.
+//! A motor stands when the servo report says so: its desired velocity is zero (bit 13 of the servo status), or its loop
+//! is open.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};

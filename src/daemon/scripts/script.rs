@@ -3,8 +3,8 @@
 //! Each wait of the function is a [`Step`]. The service carries out the step and polls the function again with the
 //! outcome ([`Script::next`]). There is no runtime and no waker, and the same outcomes always give the same steps.
 //!
-//! An end cuts a script at a step: [`Io::until_ended`] drops the part that it runs at the first step which that part would begin
-//! after the end. The code behind `until_ended` is the end of the script; nothing cuts it.
+//! An end cuts a script at a step: [`Io::until_ended`] drops the part that it runs at the first step which that part
+//! would begin after the end. The code behind `until_ended` is the end of the script; nothing cuts it.
 
 use std::fmt;
 use std::future::poll_fn;

@@ -49,8 +49,8 @@ impl Notifier {
     }
 }
 
-/// Decides when to send a watchdog notification: twice in the manager's limit, and only if each of the other threads has made
-/// rounds since the last one. So the manager notices a thread that hangs.
+/// Decides when to send a watchdog notification: twice in the manager's limit, and only if each of the other threads
+/// has made rounds since the last one. So the manager notices a thread that hangs.
 #[derive(Debug)]
 pub struct Watchdog {
     every: Duration,
@@ -82,8 +82,9 @@ impl Watchdog {
         self.next
     }
 
-    /// The thread that hinders a notification at `now`, as [`Pulse::rounds`](crate::daemon::shared::info::Pulse::rounds) count its
-    /// rounds; `None`: notify. Behind a thread without progress it is time again soon: the thread may only be late.
+    /// The thread that hinders a notification at `now`, as
+    /// [`Pulse::rounds`](crate::daemon::shared::info::Pulse::rounds) count its rounds; `None`: notify. Behind a thread
+    /// without progress it is time again soon: the thread may only be late.
     pub fn stuck(&mut self, now: Instant, rounds: [u64; WatchedThread::ALL.len()]) -> Option<WatchedThread> {
         let last = self.rounds;
         let stuck = WatchedThread::ALL

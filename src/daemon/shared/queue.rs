@@ -48,7 +48,7 @@ pub mod at_once {
     pub const ALL: usize = LINES + CONTROLS + QUERIES + PANEL + 3 * STOPS + WRITES + ROTARY + SHORT + 1;
 }
 
-/// Names one command from its acceptance to its last event. Chosen by the socket's thread, never reused.
+/// Names one command from its acceptance to its last event. The socket's thread chooses it and never reuses it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Ticket(pub u64);
 

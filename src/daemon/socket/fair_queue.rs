@@ -1,8 +1,8 @@
 //! Chooses the next command: the users take turns, and so do each user's connections.
 //!
-//! The bus thread gets few commands at a time. The others wait here, in a fair order: a user with sixty connections delays
-//! another user's command by the few that the bus thread has and by one more, not by sixty. A connection has at most one
-//! command here, which bounds the queue.
+//! The bus thread gets few commands at a time. The others wait here, in a fair order: a user with sixty connections
+//! delays another user's command by the few that the bus thread has and by one more, not by sixty. A connection has at
+//! most one command here, which bounds the queue.
 
 use std::collections::{HashMap, VecDeque};
 

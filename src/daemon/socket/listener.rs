@@ -29,7 +29,7 @@ pub enum ListenError {
     /// A living daemon answers at the path.
     #[error("{0}: another daemon serves this socket; stop it, or choose another --name or --socket")]
     Served(PathBuf),
-    /// The path is not a socket, so it is not deleted.
+    /// The path is not a socket, so the daemon does not delete it.
     #[error("{0}: exists and is not a socket; move it away or choose another --socket")]
     Foreign(PathBuf),
     /// The daemon cannot look up the group in the settings.

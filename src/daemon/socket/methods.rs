@@ -67,7 +67,7 @@ pub enum Ask {
         /// How many words, 1 to [`READ_MAX`].
         count: usize,
     },
-    /// Have one of the other functions do something.
+    /// Have one of the other functions do a job.
     Job(JobCall),
 }
 

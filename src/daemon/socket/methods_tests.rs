@@ -103,7 +103,8 @@ fn registers_outside_memory_are_for_engineers() {
     for memory in ["X:$0", "Y:$BFFF", "X:$D009", "Y:$DFFF"] {
         watch(Role::Observe, &[memory]).unwrap();
     }
-    // The board's own addresses of command lines ($D18C to $D1B3) and responses ($D1B5 to $D1F4): they may be passwords.
+    // The board's own addresses of command lines ($D18C to $D1B3) and responses ($D1B5 to $D1F4): they may be
+    // passwords.
     for memory in ["Y:$D18B", "Y:$D1F5"] {
         watch(Role::Observe, &[memory]).unwrap();
     }

@@ -20,11 +20,11 @@ use crate::protocol::control;
 pub enum Role {
     /// Look: information, words of the DPRAM, watched registers, texts that programs send.
     Observe,
-    /// Stop the machine: abort, kill, hold, stop a jog, feed rate 0. A kill opens every loop, so a vertical axis without a
-    /// brake falls; an abort and the stop of a jog close the loops of killed motors.
+    /// Stop the machine: abort, kill, hold, stop a jog, feed rate 0. A kill opens every loop, so a vertical axis
+    /// without a brake falls; an abort and the stop of a jog close the loops of killed motors.
     Stop,
-    /// Move the machine: the panel's keys (jog, home, start, step), feed rate override, and the control characters that the
-    /// settings name.
+    /// Move the machine: the panel's keys (jog, home, start, step), feed rate override, and the control characters that
+    /// the settings name.
     Operate,
     /// Do everything: send any command line and control character, write the DPRAM, gather, stream.
     Engineer,
@@ -46,7 +46,8 @@ impl Role {
     pub const ALL: [Self; 4] = [Self::Observe, Self::Stop, Self::Operate, Self::Engineer];
 }
 
-/// The control characters that the role operate may send, one bit each. The role stop may always send `^A`, `^K` and `^O`.
+/// The control characters that the role operate may send, one bit each. The role stop may always send `^A`, `^K` and
+/// `^O`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Characters(u32);
 

@@ -1,9 +1,11 @@
-//! Which port command lines should go through: the DPRAM's, or the mailboxes when the board does not look at the DPRAM's.
+//! Which port command lines should go through: the DPRAM's, or the mailboxes when the board does not look at the
+//! DPRAM's.
 //!
-//! If a command stays unread in the DPRAM for 100 ms, the daemon asks the board for I58 through the mailboxes. If I58 = 0 or the DPRAM
-//! is out of reach, lines go through the mailboxes from then on, beginning with the unread line. The daemon then asks for I58 every
-//! 2 s; when it is not 0, lines go through the DPRAM again. While a program buffer is open the daemon asks nothing: the question would
-//! become a program line. If the daemon does not know of a buffer, it asks for that first.
+//! If a command stays unread in the DPRAM for 100 ms, the daemon asks the board for I58 through the mailboxes. If I58=0
+//! or the DPRAM is out of reach, lines go through the mailboxes from then on, beginning with the unread line. The
+//! daemon then asks for I58 every 2 s; when it is not 0, lines go through the DPRAM again. While a program buffer is
+//! open the daemon asks nothing: the question would become a program line. If the daemon does not know of a buffer, it
+//! asks for that first.
 
 use std::time::Instant;
 

@@ -84,7 +84,7 @@ impl InterruptLink {
         self.interrupt.as_ref().map(Interrupt::descriptor)
     }
 
-    /// Connects if not connected and it is time to try. True if the connection was just made.
+    /// Connects if not connected and a try is due. Returns whether this call has made the connection.
     pub fn tend(&mut self, now: Instant) -> bool {
         let Some(source) = &self.source else { return false };
         if self.interrupt.is_some() || self.next_try.is_some_and(|next| now < next) {

@@ -1,8 +1,9 @@
 //! Command lines for the board: many callers, one line at a time.
 //!
-//! Lines wait in order. Control characters overtake waiting lines; a stop or a cancel also replaces a control character that the board
-//! has not yet taken. When no client waits, the daemon asks the board for its identity ([`crate::daemon::bus::identify`]). Everything
-//! has a bound: the queues by the socket's hand-over, a command by its deadline, a poll by its number of responses.
+//! Lines wait in order. Control characters overtake waiting lines; a stop or a cancel also replaces a control character
+//! that the board has not yet taken. When no client waits, the daemon asks the board for its identity
+//! ([`crate::daemon::bus::identify`]). Everything has a bound: the queues by the socket's hand-over, a command by its
+//! deadline, a poll by its number of responses.
 
 mod announced;
 mod answers;
@@ -55,7 +56,8 @@ use crate::segment::{Counter, Publisher};
 
 /// Most responses a poll takes: a chattering board must not hold up the servo data.
 const STEPS_A_POLL: usize = 2;
-/// With I64=1 the board puts this byte before an unsolicited text (Turbo Software Reference p. 67). The control word tells the same.
+/// With I64=1 the board puts this byte before an unsolicited text (Turbo Software Reference p. 67). The control word
+/// tells the same.
 const STX: u8 = 0x02;
 
 /// One poll of the queue: its time, the receiver of its events, and the counters.
@@ -136,13 +138,14 @@ pub struct AsciiQueue {
     lines: VecDeque<WaitingLine>,
     controls: VecDeque<WaitingControl>,
     under_way: Option<UnderWay>,
-    /// The command whose end is to be settled.
+    /// The command whose end the probe settles.
     unsettled: Option<Unsettled>,
     /// Whether an error may be a program's.
     programs: Programs,
     /// The control character that waits in its word until the board takes it.
     control_pending: Option<WaitingControl>,
-    /// The control character that waited at a reset, and whether the board may have taken it. The daemon still has to tell its caller.
+    /// The control character that waited at a reset, and whether the board may have taken it. The daemon still has to
+    /// tell its caller.
     control_lost: Option<(Ticket, bool)>,
     /// How many `^K` the board has taken.
     kills: u64,
@@ -212,8 +215,8 @@ impl AsciiQueue {
         }
     }
 
-    /// Clears the host's words in the DPRAM. An earlier daemon may have left a line of the daemon's own there, with its reply still to
-    /// come.
+    /// Clears the host's words in the DPRAM. An earlier daemon may have left a line of the daemon's own there, with its
+    /// reply still to come.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -230,7 +233,8 @@ impl AsciiQueue {
         self.state
     }
 
-    /// Other data have stopped, so an earlier answer of the port proves nothing. The daemon asks the board again if it may.
+    /// Other data have stopped, so an earlier answer of the port proves nothing. The daemon asks the board again if it
+    /// may.
     pub fn doubt(&mut self, now: Instant) {
         self.state = CommandState::Unknown;
         self.identifier.ask_again(now);
@@ -359,7 +363,8 @@ impl AsciiQueue {
         self
     }
 
-    /// The last background report, asked for at a time on CLOCK_MONOTONIC, says whether a motion program runs; `None`: none tells.
+    /// The last background report, asked for at a time on CLOCK_MONOTONIC, says whether a motion program runs; `None`:
+    /// none tells.
     pub fn see_programs(&mut self, told: Option<(bool, u64)>) {
         self.programs.see(told);
     }

@@ -55,7 +55,7 @@ impl Service {
         Some(latest.saturating_duration_since(now)).filter(|left| !left.is_zero())
     }
 
-    /// The answer to a renewal while the daemon stops, as long as the board has not taken the stop. The holder shall
+    /// The answer to a renewal while the daemon stops, as long as the board has not taken the stop. The holder has to
     /// hear soon how the stop ends.
     pub(super) fn renewed_at_the_end(&self, now: Instant) -> Option<Result<(), CallError>> {
         let (since, may_move) = (self.stopping?, self.may_move());

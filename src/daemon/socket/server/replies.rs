@@ -20,7 +20,7 @@ pub(super) fn not_sent(end: Option<HoldEnd>) -> CallError {
     CallError::refused(format_args!("{}; the jog was not sent", hold_over(end)))
 }
 
-/// The error for a holder while `pmacd` stops and the board has not taken the stop of these motors.
+/// The error for a holder while the daemon stops and the board has not taken the stop of these motors.
 pub(super) fn stop_not_taken(motors: Motors) -> CallError {
     let reason = format!(
         "pmacd is stopping, and the board has not taken the stop of the held jog yet: motor {motors} MAY STILL MOVE; use the emergency stop"

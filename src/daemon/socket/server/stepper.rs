@@ -54,7 +54,7 @@ impl ServerStepper {
         Ok(Self { service: Service::new(options, listener, backend)?, never })
     }
 
-    /// Takes in a connection as one of `peer`, as if the listener had accepted it.
+    /// Takes in a connection of `peer`, as if the listener had accepted it.
     ///
     /// # Errors
     /// When the stream cannot be made non-blocking.
@@ -143,8 +143,8 @@ mod tests {
     use crate::protocol::function::Functions;
     use crate::protocol::{BoardInfo, BoardSettings, Enabled};
 
-    /// More rounds than any user's share of processor time makes of one flood: the share is measured in real time, so that
-    /// a busy machine serves fewer clients a round.
+    /// More rounds than any user's share of processor time makes of one flood: the share is measured in real time, so
+    /// that a busy machine serves fewer clients a round.
     const ROUNDS: usize = 200;
 
     /// Does rounds at one moment until the server has served every client.

@@ -1,8 +1,8 @@
 //! Whether the board takes control characters by the word of their own alone: `^A` and `^K` go that way.
 //!
-//! At the start and after each reset the daemon sends `^F` (the following errors of all motors), which has no side effect. `status`,
-//! `doctor` and `abort` report at once a board that does not take it. Until the board has, a stop also sets the flag of an empty line
-//! ([`crate::function::ascii::control`]).
+//! At the start and after each reset the daemon sends `^F` (the following errors of all motors), which has no side
+//! effect. `status`, `doctor` and `abort` report at once a board that does not take it. Until the board has, a stop
+//! also sets the flag of an empty line ([`crate::function::ascii::control`]).
 
 use std::time::{Duration, Instant};
 

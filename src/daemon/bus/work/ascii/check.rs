@@ -1,21 +1,23 @@
-//! A probe after an abandoned or [unsettled](super::unsettled) command: the daemon begins no other line before the board has answered
-//! the probe.
+//! A probe after an abandoned or [unsettled](super::unsettled) command: the daemon begins no other line before the
+//! board has answered the probe.
 //!
-//! The abandoned command's reply may still come and would pass for the next line's. PMAC answers lines in their order. So the daemon
-//! first sends a line whose reply is unmistakable; every reply before it is late, and the daemon drops it.
+//! The abandoned command's reply may still come and would pass for the next line's. PMAC answers lines in their order.
+//! So the daemon first sends a line whose reply is unmistakable; every reply before it is late, and the daemon drops
+//! it.
 //!
-//! The probe is `I3 I10 I3`: twice the handshake, 0 to 3, around I10, the servo period, a large number. An open program buffer would
-//! store that line. While a buffer is or may be open, the probe is `SIZE SIZE`, which the board answers at once
-//! ([`open_buffer::QUESTION`]).
+//! The probe is `I3 I10 I3`: twice the handshake, 0 to 3, around I10, the servo period, a large number. An open program
+//! buffer would store that line. While a buffer is or may be open, the probe is `SIZE SIZE`, which the board answers at
+//! once ([`open_buffer::QUESTION`]).
 //!
-//! No other reply may look like the probe's. The values of other lines come close: `I107I108I109I160`, asked for motor after motor,
-//! often ends with 0, 96, 96, 96 and 0. So the middle value must be a servo period, and the reply must have these values and no more.
-//! We never send a probe whose reply has as many values as the abandoned line's: the rest of that reply may still come.
-//! The answer to `^F`, several values in one line, may come in between.
+//! No other reply may look like the probe's. The values of other lines come close: `I107I108I109I160`, asked for motor
+//! after motor, often ends with 0, 96, 96, 96 and 0. So the middle value must be a servo period, and the reply must
+//! have these values and no more. We never send a probe whose reply has as many values as the abandoned line's: the
+//! rest of that reply may still come. The answer to `^F`, several values in one line, may come in between.
 //!
-//! The board may answer a probe late, too. So each probe differs from the one before: it asks for I10, or `SIZE`, once more, up to
-//! [`CHECK_LINES`] times, and only a reply with exactly as many values is its own. The next probe goes when the board has taken the
-//! last one. A new daemon continues the count: the old daemon's probe still lies in the command buffer.
+//! The board may answer a probe late, too. So each probe differs from the one before: it asks for I10, or `SIZE`, once
+//! more, up to [`CHECK_LINES`] times, and only a reply with exactly as many values is its own. The next probe goes when
+//! the board has taken the last one. A new daemon continues the count: the old daemon's probe is still in the command
+//! buffer.
 //!
 //! [`open_buffer::QUESTION`]: crate::daemon::shared::open_buffer::QUESTION
 
@@ -365,7 +367,7 @@ mod tests {
         }
     }
 
-    /// What the third line is believed to be answered by these lines.
+    /// The number that the daemon believes to be the answer to the third probe, after these lines.
     fn answer(lines: &[&str]) -> Option<i64> {
         let mut check = Check::new(Instant::now());
         (0..3).for_each(|_| check.sent(Asks::Handshake, None));

@@ -61,7 +61,8 @@ impl AsciiQueue {
         let now = poll.now;
         self.ports.give_up(bus, now)?;
         if under_way.ended_by.is_some_and(|ended| ended.character == CANCEL) {
-            // "<CTRL-X> will empty the command and response queues; it will also clear the control words" (manual p. 27).
+            // "<CTRL-X> will empty the command and response queues; it will also clear the control words" (manual p.
+            // 27).
             self.ports.current_mut().withdraw(bus, now)?;
         }
         self.end_given_up(poll, under_way);
@@ -160,8 +161,8 @@ impl AsciiQueue {
         self.check.given_up().or(line)
     }
 
-    /// Writes the queue's part of `status`; the progress of the M-variables only `with_counts`. A line counts as holding the
-    /// port only when it is slow, so that a quick line causes no two updates.
+    /// Writes the queue's part of `status`; the progress of the M-variables only `with_counts`. A line counts as
+    /// holding the port only when it is slow, so that a quick line causes no two updates.
     pub fn tell(&self, status: &mut LinesStatus, with_counts: bool, now: Instant) {
         let is_given_up = self.check.given_up().is_some();
         status.holds_port =

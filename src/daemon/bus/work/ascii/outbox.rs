@@ -38,8 +38,8 @@ impl Outbox {
         }
     }
 
-    /// Puts an event into the socket's queue, or keeps it until there is room. Reply lines do not wake the socket's thread; the
-    /// reply's end does.
+    /// Puts an event into the socket's queue, or keeps it until there is room. Reply lines do not wake the socket's
+    /// thread; the reply's end does.
     pub(super) fn tell(&mut self, events: &Sender<Event>, event: Event) {
         debug_assert!(self.events.len() < AT_ONCE, "what waits for room is told first");
         let unsent = if self.is_empty() { self.offer(events, event) } else { Some(event) };

@@ -1,8 +1,9 @@
 //! The DPRAM's page, while the board does not answer.
 //!
-//! A VME board forgets its page at a reset, and the host must write it again (User Manual p. 263-267). Until then the host sees all
-//! ones, or another page of the same memory. Without reports only the board's silence shows the wrong page. So while the board is
-//! silent, the daemon writes the page again before it asks anything more. Writing the right page again does no harm.
+//! A VME board forgets its page at a reset, and the host must write it again (User Manual p. 263-267). Until then the
+//! host sees all ones, or another page of the same memory. Without reports only the board's silence shows the wrong
+//! page. So while the board is silent, the daemon writes the page again before it asks anything more. Writing the right
+//! page again does no harm.
 
 use std::time::Instant;
 

@@ -1,8 +1,9 @@
 //! Whether a program's `CMD` may have caused an error.
 //!
-//! With I6=2 the board reports no such error (Software Reference, I6). Otherwise a PLC program may cause one unless I5=0, and a motion
-//! program may unless the background reports say that no coordinate system runs one. A report counts from its request on, unless a
-//! client may have started a program since. Another host's program counts from the next report on.
+//! With I6=2 the board reports no such error (Software Reference, I6). Otherwise a PLC program may cause one unless
+//! I5=0, and a motion program may unless the background reports say that no coordinate system runs one. A report counts
+//! from its request on, unless a client may have started a program since. Another host's program counts from the next
+//! report on.
 
 /// The time since which no motion program runs.
 #[derive(Debug, Default)]

@@ -1,9 +1,9 @@
 //! A command whose end the order of the board's answers settles.
 //!
-//! An error during a line is the line's or a program's. Where no program can report errors ([`super::programs`]), the error is the
-//! line's. Otherwise, and behind a control character, whose reply has no end mark, a probe decides ([`super::check`]). Every reply before
-//! the probe's is the command's. If a line got such a reply, the error was a program's; if not, the error was the line's
-//! (`tests/models/whose_error.pml`).
+//! An error during a line is the line's or a program's. Where no program can report errors ([`super::programs`]), the
+//! error is the line's. Otherwise, and behind a control character, whose reply has no end mark, a probe decides
+//! ([`super::check`]). Every reply before the probe's is the command's. If a line got such a reply, the error was a
+//! program's; if not, the error was the line's (`tests/models/whose_error.pml`).
 
 use std::time::Instant;
 
@@ -99,8 +99,8 @@ impl AsciiQueue {
         self.see_check(now);
     }
 
-    /// A line came that is the control character's or begins the probe's reply. Lines that cannot begin the probe's reply are the
-    /// character's.
+    /// A line came that is the control character's or begins the probe's reply. Lines that cannot begin the probe's
+    /// reply are the character's.
     fn line_to_character(&mut self, poll: Poll<'_>, text: ResponseText) {
         let now = poll.now;
         let checks = self.is_checking();
@@ -161,7 +161,7 @@ impl AsciiQueue {
         if checks {
             self.end_check(result, now);
         } else {
-            // Nothing else is to come.
+            // The board sends nothing else.
             self.ports.current_mut().settled(now);
             self.ports.end_doubt(now);
         }
@@ -189,8 +189,8 @@ impl AsciiQueue {
         }
     }
 
-    /// The board refuses both the question for a program buffer and the probe, which asks the same. The handshake probe tells
-    /// whether one of the errors was a program's.
+    /// The board refuses both the question for a program buffer and the probe, which asks the same. The handshake probe
+    /// tells whether one of the errors was a program's.
     fn refuses_size(&mut self, poll: Poll<'_>, error: u16) {
         let now = poll.now;
         let Some(Unsettled { under_way, .. }) = self.unsettled.take() else { return };
@@ -213,7 +213,8 @@ impl AsciiQueue {
         self.tell_line(poll, &command, text);
     }
 
-    /// Ends an unsettled command: at its deadline, after a cancel, or with `must_end`, because the board no longer settles it.
+    /// Ends an unsettled command: at its deadline, after a cancel, or with `must_end`, because the board no longer
+    /// settles it.
     pub(super) fn expire_unsettled(&mut self, poll: Poll<'_>, must_end: bool) {
         let now = poll.now;
         let is_over = |Unsettled { under_way, .. }: &mut Unsettled| {

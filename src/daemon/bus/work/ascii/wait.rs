@@ -14,8 +14,8 @@ pub(super) struct Wait {
 }
 
 impl Wait {
-    /// For an answer. A command begun just before its deadline would be abandoned just after, and an abandoned command holds the
-    /// port for everybody.
+    /// For an answer. A command begun just before its deadline would be abandoned just after, and an abandoned command
+    /// holds the port for everybody.
     pub fn for_answer(since: Instant, deadline: Instant) -> Self {
         let whole = deadline.saturating_duration_since(since);
         let begin_by = deadline.checked_sub((whole / 4).min(LEFT_TO_ANSWER)).unwrap_or(deadline);
