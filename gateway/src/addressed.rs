@@ -1,15 +1,15 @@
-//! Whom a client addresses: the motor and the coordinate system that his lines mean where they do not say it.
+//! The motor and the coordinate system that a client's lines mean where the lines name none.
 
 use pmac_dpram::language::lexer::{Kind, Needs, Token};
 
-/// Whom a client addresses.
+/// The motor and the coordinate system that a client addresses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Addressed {
     pub(crate) motor: Option<u32>,
     pub(crate) system: Option<u32>,
 }
 
-/// Of whom a line has to say itself whom it means, unless its client has said it since.
+/// What a line must name itself, unless the client has named it since.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Doubt {
     pub(crate) motor: bool,
@@ -17,21 +17,21 @@ pub(crate) struct Doubt {
 }
 
 impl Doubt {
-    /// Nothing is known of the client.
+    /// The gateway knows nothing of the client.
     pub(crate) const ALL: Self = Self { motor: true, system: true };
 }
 
 impl Addressed {
-    /// Whom a board addresses that has come up.
+    /// A board addresses these after it has come up.
     const AT_POWER_UP: Self = Self { motor: Some(1), system: Some(1) };
 
-    /// What both know.
+    /// The motor and the system that both agree on.
     pub(crate) fn common(self, other: Self) -> Self {
         let same = |one: Option<u32>, other| one.filter(|_| one == other);
         Self { motor: same(self.motor, other.motor), system: same(self.system, other.system) }
     }
 
-    /// Goes through a line.
+    /// Follows the addresses of a whole line.
     pub(crate) fn follow_all(&mut self, tokens: &[Token]) {
         tokens.iter().for_each(|token| self.follow(token));
         if tokens.iter().any(|token| token.kind == Kind::Resets) {
@@ -49,7 +49,7 @@ impl Addressed {
         }
     }
 
-    /// What has to stand before `tokens` so that they mean whom is addressed.
+    /// The address to send before `tokens`, so that they mean the addressed motor and coordinate system.
     pub(crate) fn prefix(self, tokens: &[Token]) -> String {
         let is_needed = |needs| uses_of(tokens, needs).next().is_some();
         let system = self.system.filter(|_| is_needed(Needs::System));
@@ -58,7 +58,8 @@ impl Addressed {
         motor.map_or(system.clone(), |number| format!("{system}#{number}"))
     }
 
-    /// Whether it is known whom `tokens` mean, where that is in `doubt`, as far as it is known of each of them what it needs.
+    /// Whether the gateway knows the motor and the system that `tokens` need, where these are in `doubt`. Commands
+    /// whose need is unknown do not count.
     pub(crate) fn suffices(self, tokens: &[Token], doubt: Doubt) -> bool {
         let is_needed = |needs| uses_of(tokens, needs).any(|token| token.kind.needs() == needs);
         let is_open =
@@ -75,7 +76,7 @@ pub(crate) fn uses_of(tokens: &[Token], needs: Needs) -> impl Iterator<Item = &T
         _ => true,
     };
     tokens.iter().take_while(is_other).filter(move |token| match token.kind {
-        // Whom these mean is not known.
+        // Unknown whether these need a motor or a coordinate system.
         Kind::Statement(_) | Kind::Quoted | Kind::Unknown => true,
         kind => kind.needs() == needs,
     })

@@ -1,7 +1,8 @@
-//! The board as one client has it: a connection to `pmacd` of his own, made when it is needed first.
+//! The board as one client has it: a connection of his own to `pmacd`, opened when he first needs it.
 //!
-//! What opens a program buffer, and every line until it is closed, goes as a sequence of `pmacd`: nobody else's lines enter the
-//! buffer, and `pmacd` closes it when the client, or this program, is gone. So `pmacd` ends a jog that has no end.
+//! A line that opens a program buffer, and every line until its close, goes as a sequence of `pmacd`: no other client's
+//! lines enter the buffer, and `pmacd` closes it when the client or this program is gone. `pmacd` also ends a jog
+//! without an end then.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -18,58 +19,58 @@ use pmac_dpram::protocol::board::LineOutcome;
 use pmac_dpram::protocol::{CallError, READ_MAX};
 use pmac_dpram::segment::SegmentName;
 
-/// [`Failure::Refused`]: the command is not allowed now.
+/// [`Failure::Refused`]: the board or `pmacd` does not allow the command now.
 pub const NOT_NOW: u16 = 1;
 /// [`Failure::Refused`]: the client lacks a right.
 pub const NO_RIGHT: u16 = 2;
-/// [`Failure::Refused`]: the command is not known, or its value is not.
+/// [`Failure::Refused`]: unknown command or value.
 pub const UNKNOWN: u16 = 3;
 /// [`Failure::Refused`]: a character is not allowed.
 pub const ILLEGAL: u16 = 4;
-/// [`Failure::Refused`]: it needs an open buffer, and there is none (any more).
+/// [`Failure::Refused`]: the line needs an open buffer, and none is open (any more).
 pub const NO_BUFFER: u16 = 5;
 /// [`Failure::Refused`]: the line is too long.
 pub const NO_ROOM: u16 = 6;
-/// [`Failure::Refused`]: somebody else has a buffer open.
+/// [`Failure::Refused`]: another client has a buffer open.
 pub const IN_USE: u16 = 7;
 
-/// How long this program may be silent until `pmacd` stops its clients' jogs: it may hang, and with it every stop.
+/// After this silence of the gateway `pmacd` stops its clients' jogs: a hanging gateway can send no stop.
 const SILENCE_MS: u64 = 1000;
-/// How often it says that a client is still there: one who jogs, and one who has a buffer open.
+/// How often the gateway renews a client's jogs, and his open buffer.
 const RENEW_JOGS: Duration = Duration::from_millis(200);
 const RENEW_BUFFER: Duration = Duration::from_secs(1);
-/// What others are told a sequence is.
+/// The name of the sequences, as `pmacd` tells it to others.
 const SEQUENCE: &str = "download";
 
-/// Why something was not done, or may not have been.
+/// Why the board did not carry something out, or may not have.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Failure {
-    /// The board has refused it, or nothing was sent.
+    /// The board refused it, or nothing was sent.
     Refused {
         /// The number of `ERRnnn`, as a board would say it.
         code: u16,
-        /// What the board had answered before.
+        /// The board's lines before the refusal.
         lines: Vec<String>,
-        /// Why, unless the board itself said so, or the log has been told.
+        /// The reason; `None` if the board itself gave it or the log has it already.
         why: Option<String>,
-        /// Whether something of it was sent.
+        /// Whether a part of it was sent.
         is_sent: bool,
     },
-    /// The line was sent, and the board need not answer it: the client is told neither that it was carried out nor that it was not.
+    /// The line was sent, and the board need not answer it: the gateway tells the client neither success nor failure.
     Unanswered(String),
-    /// It is not known what the board has done. The client gets no answer.
+    /// The gateway does not know what the board has done. The client gets no answer.
     Gone(String),
 }
 
 impl Failure {
-    /// A refusal of which nothing was sent.
+    /// A refusal with nothing sent.
     #[must_use]
     pub fn unsent(code: u16, why: impl Into<String>) -> Self {
         Self::Refused { code, lines: Vec::new(), why: Some(why.into()), is_sent: false }
     }
 }
 
-/// Why a client's connection ends with it.
+/// The reason, where the failure ends the client's connection.
 impl From<Failure> for String {
     fn from(failure: Failure) -> Self {
         match failure {
@@ -100,7 +101,7 @@ impl From<CommandError> for Failure {
                 | CallError::InterfaceNotFound { .. }
                 | CallError::MethodNotFound { .. },
             ) => Self::unsent(UNKNOWN, why),
-            // Told once, when it began: [`Place::connect`].
+            // [`Place::connect`] has logged it, once.
             CommandError::Connect { .. }
             | CommandError::Stranger { .. }
             | CommandError::OtherBoard { .. } => {
@@ -111,26 +112,26 @@ impl From<CommandError> for Failure {
     }
 }
 
-/// Where the daemon is, and of which board it has to be.
+/// The daemon's socket and board.
 #[derive(Debug, Clone)]
 pub struct Place {
     /// Its socket.
     socket: PathBuf,
-    /// The board's name, if the socket alone does not say which is meant.
+    /// The board's name; `None` if the socket alone says which board.
     name: Option<SegmentName>,
-    /// The log has been told that nobody can be reached there.
+    /// The log says already that no daemon with this board answers there.
     is_away: Arc<AtomicBool>,
 }
 
 impl Place {
-    /// The daemon at `socket`, whose board has to be `name`, if that is given.
+    /// The daemon at `socket`; its board must be `name`, if given.
     #[must_use]
     pub fn new(socket: PathBuf, name: Option<SegmentName>) -> Self {
         Self { socket, name, is_away: Arc::default() }
     }
 
-    /// A connection to the daemon, once it has said that it has the board that is meant. The log hears once that there is none, and
-    /// once that there is one again.
+    /// A connection to the daemon, after the daemon has confirmed its board. Logs once that the daemon is away, and
+    /// once that it is back.
     ///
     /// # Errors
     /// [`CommandError`].
@@ -154,18 +155,18 @@ impl Place {
 #[derive(Debug)]
 pub struct Board {
     place: Place,
-    /// A jog without an end goes on when the client is gone.
+    /// Jogs without an end go on when the client is gone.
     keeps_jogs: bool,
     connection: Option<Connection>,
     in_buffer: bool,
-    /// A motor may jog that stops with the client.
+    /// A motor may still jog that `pmacd` stops with the client.
     has_jogs: bool,
-    /// When `pmacd` was told last that the client, and this program, are still there.
+    /// When the gateway last told `pmacd` that the client and the gateway are alive.
     renewed: Instant,
 }
 
 impl Board {
-    /// Nothing is connected yet. A jog without an end (`J+`) ends with the client, or with this program, unless it `keeps_jogs`.
+    /// Not connected yet. A jog without an end (`J+`) ends with the client, or with this program, unless `keeps_jogs`.
     #[must_use]
     pub fn new(place: Place, keeps_jogs: bool) -> Self {
         let renewed = Instant::now();
@@ -178,7 +179,7 @@ impl Board {
         self.in_buffer
     }
 
-    /// Has the daemon do something.
+    /// Calls the daemon.
     fn ask<T>(
         &mut self,
         call: impl FnOnce(&mut Connection) -> Result<T, CommandError>,
@@ -188,7 +189,7 @@ impl Board {
             None => self.place.connect()?,
         };
         let answer = call(&mut connection);
-        // One that has broken is made anew, and asked for its board.
+        // A broken connection is dropped: the next call opens a new one and checks the board again.
         if matches!(answer, Ok(_) | Err(CommandError::Refused(_))) {
             self.connection = Some(connection);
         }
@@ -202,11 +203,11 @@ impl Board {
     pub fn send(&mut self, line: &str) -> Result<Vec<String>, Failure> {
         let meaning = Meaning::of(line);
         let has_end = self.keeps_jogs || !meaning.possible_jogs().any();
-        // The board carries out a jog beside a program buffer that is open. Within a program J is a length: `X10 I5 J-5`.
+        // The board executes a jog even while a program buffer is open. In a program line J is a length: `X10 I5 J-5`.
         let jogs_beside = !has_end && meaning.while_open.acts;
         let enters = meaning.buffer.is_some() || jogs_beside && meaning.while_open.enters;
         if !has_end && (meaning.opens() || self.in_buffer && enters) {
-            // The sequence's lines are no jogs that end with the client.
+            // `pmacd` does not stop the jogs of a sequence's lines with the client.
             let why = "a line that opens, closes or enters a program buffer has no jog in it; send each on a line of its own";
             return Err(Failure::unsent(NOT_NOW, why));
         }
@@ -214,12 +215,13 @@ impl Board {
             return self.send_in_sequence(line, &meaning);
         }
         if meaning.is_close && self.ask(Connection::info)?.open_buffer.is_some_and(|open| open.sequence) {
-            // pmacd lets everybody close what is open. Here each client closes his own.
+            // `pmacd` lets every client close any buffer. Here each client closes only his own.
             return Err(Failure::unsent(IN_USE, "the program buffer that is open is somebody else's"));
         }
         let timeout = meaning.deadline(deadlines::PLAIN);
         let begun = Instant::now();
-        // What this client has open is a sequence: of other buffers, those of this program's user by hand too, none is his.
+        // This client's own buffer is a sequence. No other open buffer is his, not even one that this program's user
+        // opened by hand.
         let send_as = SendAs {
             into_buffer: Some(false),
             while_connected: Some(!has_end),
@@ -227,14 +229,14 @@ impl Board {
             ..SendAs::default()
         };
         let sent = self.ask(|connection| connection.send_as(line, timeout, send_as));
-        // With a connection that is given up its jogs end.
+        // Dropping the connection ends its jogs.
         self.has_jogs |= !has_end && self.connection.is_some();
         match sent {
             Err(CommandError::Refused(
                 error @ (CallError::TimedOut { .. } | CallError::Interrupted { .. }),
             )) if meaning.resets => {
                 match error {
-                    // Before the time was over: the board has taken the line, and need not answer a reset.
+                    // The call ended before the time-out: the board has taken the line, and need not answer a reset.
                     CallError::TimedOut { lines } if begun.elapsed() < timeout => Ok(lines),
                     error => Err(Failure::Unanswered(error.to_string())),
                 }
@@ -244,7 +246,7 @@ impl Board {
     }
 
     fn send_in_sequence(&mut self, line: &str, meaning: &Meaning) -> Result<Vec<String>, Failure> {
-        // A sequence that has ended must not begin anew in the middle: its lines would be commands.
+        // A new sequence in the middle of the program would send the program lines as commands.
         self.renew_buffer()?;
         let was_open = self.in_buffer;
         let timeout = meaning.deadline(deadlines::PLAIN);
@@ -266,7 +268,7 @@ impl Board {
         let closes = meaning.buffer == Some(Effect::Closes);
         self.in_buffer = goes_on && if reply.failure.is_some() { was_open } else { !closes };
         if goes_on && !self.in_buffer {
-            // Whatever a refused line has opened is closed by the end of the sequence.
+            // The end of the sequence closes a buffer that a refused line has opened.
             let options = LinesOptions { kind: SEQUENCE, timeout, keep_going: true };
             self.ask(|connection| connection.lines(options).finish())?;
         }
@@ -289,25 +291,25 @@ impl Board {
         }
     }
 
-    /// Whether motors jog that stop when the client is gone.
+    /// Whether a motor may jog that `pmacd` stops when the client is gone.
     #[must_use]
     pub const fn has_jogs(&self) -> bool {
         self.has_jogs
     }
 
-    /// How soon [`Self::renew`] is to be called; never if `None`.
+    /// The time until the next [`Self::renew`]; `None`: never.
     #[must_use]
     pub fn renews_in(&self) -> Option<Duration> {
         if self.has_jogs { Some(RENEW_JOGS) } else { self.in_buffer.then_some(RENEW_BUFFER) }
     }
 
-    /// Says that the client is still there, if it has a buffer open, or motors that jog.
+    /// Tells `pmacd` that the client is alive, if the client has an open buffer or jogging motors.
     ///
     /// # Errors
-    /// [`NO_BUFFER`] when the buffer is not the client's any more.
+    /// [`NO_BUFFER`] when the client has lost the buffer.
     pub fn renew(&mut self) -> Result<(), Failure> {
         if self.has_jogs && self.renewed.elapsed() >= RENEW_JOGS {
-            // Without an answer the connection is given up, and the jogs with it.
+            // Without an answer the connection is dropped, and `pmacd` ends its jogs.
             self.has_jogs = self.ask(Connection::jog_renew).unwrap_or(false);
             self.renewed = Instant::now();
         }
@@ -341,7 +343,8 @@ impl Board {
         Family::by_name(&family).map_err(|error| Failure::unsent(NOT_NOW, error.to_string()))
     }
 
-    /// Reads `count` bytes of the DPRAM, but not where command lines and responses lie: they are others', too, and may be passwords.
+    /// Reads `count` bytes of the DPRAM. Refuses the words of command lines and responses: other clients' lines pass
+    /// there, too, and may be passwords.
     ///
     /// # Errors
     /// [`Failure`].
@@ -362,10 +365,10 @@ impl Board {
         Ok(bytes.into_iter().skip(skipped).take(count).collect())
     }
 
-    /// Writes bytes of the DPRAM; of each, the bits of its mask. Only where no function owns the words.
+    /// Writes bytes of the DPRAM, each with the mask of the bits to change. `pmacd` refuses words that a function owns.
     ///
     /// # Errors
-    /// [`Failure`]. Several words may have been written in part when it is [`Failure::Gone`].
+    /// [`Failure`]. After [`Failure::Gone`] a part of the words may be written.
     pub fn write(&mut self, first: u16, bytes: &[(u8, u8)]) -> Result<(), Failure> {
         let mut padded = vec![(0, 0); usize::from(first & 1)];
         padded.extend_from_slice(bytes);

@@ -1,4 +1,5 @@
-//! One client, with the line of his that is at work: a board acknowledges a line at once, and hears its control characters meanwhile.
+//! One client and his running line. A board acknowledges a line at once, and takes control characters while the line
+//! runs; so does the gateway.
 
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
@@ -10,24 +11,24 @@ use crate::packet::{Packet, REPLY_MAX, Request};
 use crate::session::{Answer, DONE, Port, Session};
 use crate::window::{Reply, Window};
 
-/// What a line's thread needs.
+/// Stack of a line's thread, in bytes.
 const STACK: usize = 256 * 1024;
-/// How often a line at work is looked after.
+/// How often the gateway looks whether a running line has ended.
 const LOOK: Duration = Duration::from_millis(200);
 
-/// What becomes of a line: what the client finds in his window, or why his connection ends.
+/// The end of a line: the reply for the client's window, or why his connection ends.
 type Done = Result<Option<Reply>, String>;
 
 /// One client.
 pub struct Client {
-    /// `None` while a line is at work, which has it then.
+    /// `None` while a line runs: the line's thread has the session then.
     session: Option<Session>,
     work: Option<Work>,
-    /// From his first request for memory on.
+    /// From the client's first memory request on.
     window: Option<Window>,
 }
 
-/// Whether `packet` is a control character, alone, which goes to the board at once: all but ^X, which does not go there.
+/// Whether `packet` is nothing but control characters for the board, sent at once. ^X does not go to the board.
 fn is_control(packet: &Packet) -> bool {
     let goes =
         |byte: &u8| (1..32).contains(byte) && !matches!(*byte, b'\t' | b'\r' | b'\n' | control::CANCEL);
@@ -41,20 +42,20 @@ fn is_control(packet: &Packet) -> bool {
     }
 }
 
-/// A line at work.
+/// A running line.
 struct Work {
-    /// `None` once its end is known.
+    /// `None` once the line has ended.
     thread: Option<JoinHandle<(Session, Done)>>,
-    /// Carries out what does not wait for the line, over a connection of its own.
+    /// Carries out requests that do not wait for the line, over a connection of its own.
     beside: Session,
     /// The line came by the window.
     is_windows: bool,
-    /// The client does not want its reply any more.
+    /// The client has dropped the line's reply.
     is_dropped: bool,
 }
 
 impl Work {
-    /// Waits for the end of the line.
+    /// Waits until the line has ended.
     fn end(&mut self) -> Result<(Session, Done), String> {
         let ended = self.thread.take().and_then(|thread| thread.join().ok());
         ended.ok_or_else(|| "the thread of his line has failed".to_owned())
@@ -62,7 +63,7 @@ impl Work {
 }
 
 impl Drop for Work {
-    /// A client has his place until his line has ended: so there are never more lines at work than places.
+    /// A client keeps his place until his line has ended: so never more lines run than there are places.
     fn drop(&mut self) {
         if self.thread.is_some() {
             drop(self.end());
@@ -77,7 +78,7 @@ impl Client {
         Self { session: Some(session), work: None, window: None }
     }
 
-    /// What `packet` is answered.
+    /// Answers `packet`.
     ///
     /// # Errors
     /// Why his connection ends.
@@ -85,7 +86,7 @@ impl Client {
         let followed = self.follow(false);
         match (followed, packet.request) {
             (Ok(()), _) => self.carry_out(packet),
-            // A stop goes to the board, though the connection ends for the line before it.
+            // A stop still goes to the board, although the connection ends for the line before it.
             (Err(why), _) if is_control(packet) => {
                 self.current()?.answer(packet)?;
                 Err(why)
@@ -102,7 +103,7 @@ impl Client {
     fn carry_out(&mut self, packet: &Packet) -> Answer {
         match (packet.request, &mut self.work) {
             (request, Some(work)) if is_control(packet) => {
-                // What sends a line leaves what there is to be fetched.
+                // `SendLine` leaves unfetched replies in place.
                 work.is_dropped |= !work.is_windows && request != Request::SendLine;
                 work.beside.answer(packet)
             }
@@ -121,13 +122,13 @@ impl Client {
         }
     }
 
-    /// What carries out a request that does not wait for a line.
+    /// The session for requests that do not wait for the running line.
     fn current(&mut self) -> Result<&mut Session, String> {
         let beside = self.work.as_mut().map(|work| &mut work.beside);
         beside.or(self.session.as_mut()).ok_or_else(|| "his line has ended without its reply".to_owned())
     }
 
-    /// Has `line` carried out, behind the one that is at work.
+    /// Starts `line` after the running line has ended.
     fn begin(
         &mut self,
         is_windows: bool,
@@ -146,7 +147,7 @@ impl Client {
         Ok(())
     }
 
-    /// Takes the reply of a line that has ended; of one at work, too, if this `waits` for it.
+    /// Takes the reply of an ended line. If this `waits`, waits for a running line first.
     fn follow(&mut self, waits: bool) -> Result<(), String> {
         let has_ended = |work: &mut Work| waits || work.thread.as_ref().is_none_or(JoinHandle::is_finished);
         let Some(mut work) = self.work.take_if(has_ended) else { return Ok(()) };
@@ -162,7 +163,7 @@ impl Client {
         Ok(())
     }
 
-    /// His window.
+    /// The client's window.
     fn window(&mut self) -> Result<&mut Window, String> {
         let window = match self.window.take() {
             Some(window) => window,
@@ -171,7 +172,7 @@ impl Client {
         Ok(self.window.insert(window))
     }
 
-    /// What the board does with what the client has written into his window.
+    /// Does what the board does with the client's writes into the window.
     fn look(&mut self) -> Result<(), String> {
         self.look_for_control()?;
         if self.work.is_none()
@@ -200,7 +201,7 @@ impl Client {
         Ok(())
     }
 
-    /// Bytes of the DPRAM, those of the window from there.
+    /// Reads bytes of the DPRAM; the window's bytes come from the window.
     fn read(&mut self, packet: &Packet) -> Answer {
         let (first, count) = (u32::from(packet.value), u32::from(packet.length));
         if !(1..=REPLY_MAX).contains(&usize::from(packet.length)) {
@@ -208,12 +209,13 @@ impl Client {
         }
         self.look()?;
         let window = self.window()?;
-        // Only when he looks: some clear the word of a response after each look, whether it was there or not.
+        // Only at a read: some clients clear the word of a response after each read, whether or not the response was
+        // there.
         window.put();
         let own: Vec<Option<u8>> =
             (first..first + count).map(|offset| window.byte(offset).map(|byte| *byte)).collect();
         let mut bytes = Vec::with_capacity(own.len());
-        // None of it is the window's, or what stands before it, itself, and what stands behind it.
+        // At most three parts: before the window, the window, behind the window.
         for part in own.chunk_by(|one, next| one.is_some() == next.is_some()) {
             match part.iter().copied().collect::<Option<Vec<u8>>>() {
                 Some(own) => bytes.extend(own),
@@ -227,7 +229,7 @@ impl Client {
         Ok(bytes)
     }
 
-    /// Writes bytes of the DPRAM; those of the window go there.
+    /// Writes bytes of the DPRAM; the window's bytes go into the window.
     fn write(&mut self, packet: &Packet) -> Answer {
         if !self.put(packet)? {
             return self.current()?.answer(packet);
@@ -236,7 +238,7 @@ impl Client {
         Ok(vec![DONE])
     }
 
-    /// Writes bytes of the window, if `packet` has only such.
+    /// Writes `packet` into the window, if all its bytes are the window's.
     fn put(&mut self, packet: &Packet) -> Result<bool, String> {
         let first = u32::from(packet.value);
         let bytes = written(packet).unwrap_or_default();
@@ -253,22 +255,22 @@ impl Client {
         Ok(true)
     }
 
-    /// Whether a line is at work.
+    /// Whether a line runs.
     #[must_use]
     pub const fn is_at_work(&self) -> bool {
         self.work.is_some()
     }
 
-    /// How soon [`Self::renew`] is to be called; never if `None`.
+    /// The time until the next [`Self::renew`]; `None`: never.
     #[must_use]
     pub fn renews_in(&self) -> Option<Duration> {
         self.session.as_ref().map_or(Some(LOOK), Session::renews_in)
     }
 
-    /// Says that the client is still there.
+    /// Tells `pmacd` that the client is alive, and takes an ended line's reply.
     ///
     /// # Errors
-    /// Why his connection ends.
+    /// Why the client's connection ends.
     pub fn renew(&mut self) -> Result<(), String> {
         self.follow(false)?;
         if let Some(session) = &mut self.session {
@@ -277,13 +279,13 @@ impl Client {
         if self.window.is_some() { self.look() } else { Ok(()) }
     }
 
-    /// After how long a silence he makes room for another client: never while a line is at work.
+    /// After this silence the client makes room for another client; `None`: never while a line runs.
     #[must_use]
     pub fn gives_way(&self) -> Option<Duration> {
         self.session.as_ref().and_then(Session::gives_way)
     }
 
-    /// What is to be remembered of him.
+    /// The state to remember for the client's return.
     #[must_use]
     pub fn into_port(mut self) -> Port {
         drop(self.follow(true));

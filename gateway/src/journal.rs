@@ -1,7 +1,7 @@
-//! The log. It never holds work up, and what clients do cannot fill it.
+//! The log. It never blocks the gateway, and clients cannot fill it.
 //!
-//! Lines wait in a bounded queue for whoever reads stderr; what finds no room there is dropped and counted. Before that each kind of
-//! line has a quota; what is beyond it is counted, too.
+//! Lines wait in a bounded queue for the reader of stderr; the gateway drops and counts the lines that do not fit.
+//! Before the queue each kind of line has a quota; the gateway drops and counts lines beyond it, too.
 
 use std::io::{self, Write};
 use std::sync::{Mutex, PoisonError};
@@ -12,13 +12,13 @@ use pmac_dpram::process::log_sink::LogSink;
 
 use crate::quota::Quota;
 
-/// The target of lines that say what moves or stops something.
+/// The log target of lines for commands that move or stop something.
 pub const MOTION: &str = "motion";
 
 /// Formats lines, and keeps their number within bounds.
 struct Journal {
     lines: env_logger::Logger,
-    /// What this program finds, what clients cause, what moves or stops something.
+    /// Quotas: the gateway's own warnings, lines that clients cause, lines of [`MOTION`].
     quotas: Mutex<[Quota; 3]>,
 }
 
@@ -35,7 +35,7 @@ pub fn start() -> io::Result<LogSink> {
         .target(env_logger::Target::Pipe(Box::new(sink.clone())))
         .build();
     let few = || Quota::new(20, Duration::from_secs(10));
-    // pmacd logs every one of them, with its own bounds.
+    // `pmacd` logs every such command, within its own bounds.
     let motion = Quota::new(1000, Duration::from_millis(100));
     let journal = Journal { lines, quotas: Mutex::new([few(), few(), motion]) };
     log::set_boxed_logger(Box::new(journal)).map_err(io::Error::other)?;

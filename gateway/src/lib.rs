@@ -6,12 +6,13 @@
 //!                                          └ texts ⇐ pmacd
 //! ```
 //!
-//! The protocol is that of the UMAC Turbo CPU/Communications manual, chapter "Ethernet Protocol", as the clients in use speak it.
-//! A client has one thread and one connection to `pmacd`, made when it is needed first; what the board's programs send by themselves
-//! comes over one connection for all. Everything is bounded: clients, buffers, waits.
+//! The protocol is that of the UMAC Turbo CPU/Communications manual, chapter "Ethernet Protocol", as the clients in use
+//! speak it. Each client has one thread and one connection to `pmacd`; the gateway opens the connection when the client
+//! first needs the board. The texts that the board's programs send come over one more connection, shared by all
+//! clients. Clients, buffers and waits are all bounded.
 //!
-//! Where the board has refused a line, or nothing was sent, the client is told an error. Where it is not known what the board
-//! has done, no answer is made up: the client's connection ends.
+//! The gateway answers with an error where the board refused a line or nothing was sent. Where the gateway does not
+//! know what the board has done, it makes up no answer: it ends the client's connection.
 
 mod addressed;
 pub mod board;

@@ -35,7 +35,8 @@ fn main() -> ExitCode {
     }
 }
 
-/// Serves until a signal comes. Then every connection to `pmacd` ends with this process, and `pmacd` closes what its clients have open.
+/// Serves until a signal comes. Then this process's connections to `pmacd` end, and `pmacd` closes the clients' program
+/// buffers.
 fn run(options: &Options) -> Result<(), String> {
     let rules = options.rules().map_err(|error| error.to_string())?;
     let mut signals = Signals::new([SIGINT, SIGTERM]).map_err(|error| format!("signals: {error}"))?;
@@ -43,7 +44,7 @@ fn run(options: &Options) -> Result<(), String> {
     let address = options.listen();
     let refuse = |error| format!("{address}: {error}; choose another --listen");
     let listener = TcpListener::bind(address).map_err(refuse)?;
-    // The port may have been left to the system.
+    // With port 0 the system chooses the port.
     let address = listener.local_addr().map_err(refuse)?;
     let socket = Arc::new(UdpSocket::bind(address).map_err(refuse)?);
     warn_of(address, &rules);
@@ -61,12 +62,12 @@ fn run(options: &Options) -> Result<(), String> {
     Ok(())
 }
 
-/// A daemon with another board than the one that is meant is refused. One that is not there may come.
+/// Refuses a daemon with another board than the configured one. A daemon that does not run yet is no error.
 fn look_at_daemon(rules: &Rules) -> Result<(), String> {
     match rules.place.connect() {
         Ok(_) => Ok(()),
         Err(error @ CommandError::OtherBoard { .. }) => Err(error.to_string()),
-        // The log has been told.
+        // `Place::connect` has logged it.
         Err(_) => Ok(()),
     }
 }

@@ -1,4 +1,4 @@
-//! The DPRAM by bytes, under the daemon's rules: what a function owns is not written.
+//! The DPRAM by bytes, under the daemon's rules: a client cannot write a function's words.
 
 use crate::board::{self, Failure};
 use crate::packet::{Packet, REPLY_MAX, Request};
@@ -7,7 +7,7 @@ use crate::session::{DONE, READ_ONLY, Session};
 /// A long word of the DPRAM.
 const LONG: usize = 4;
 
-/// The bytes that `packet` writes, of each its value and the bits to change; `None` if it is not what it should be.
+/// The bytes that `packet` writes, each with its value and the bits to change; `None` for data of another form.
 pub(crate) fn written(packet: &Packet) -> Option<Vec<(u8, u8)>> {
     let data = packet.data.as_slice();
     match packet.request {
@@ -30,7 +30,7 @@ pub(crate) fn written(packet: &Packet) -> Option<Vec<(u8, u8)>> {
 }
 
 impl Session {
-    /// Reads or writes.
+    /// Carries out a memory request.
     pub(crate) fn memory(&mut self, packet: &Packet) -> Result<Vec<u8>, Failure> {
         if packet.request == Request::GetMem {
             return self.read(packet);

@@ -11,7 +11,7 @@ use crate::board::Place;
 use crate::session::Rules;
 use crate::texts::Texts;
 
-/// The board that is meant where none is named.
+/// The board's name without --name and --socket.
 const DEFAULT_NAME: &str = "pmac0";
 
 /// Speaks PMAC's Ethernet protocol (TCP and UDP) in front of a board that pmacd drives, so that PMAC's network tools work with it
@@ -44,7 +44,7 @@ pub struct Options {
     version_as: Option<String>,
 }
 
-/// A version is one short line.
+/// Accepts one short line of ASCII.
 fn version_text(text: &str) -> Result<String, String> {
     const LONGEST: usize = 40;
     let is_text =
@@ -53,16 +53,16 @@ fn version_text(text: &str) -> Result<String, String> {
 }
 
 impl Options {
-    /// Where to listen.
+    /// The address to listen on.
     #[must_use]
     pub fn listen(&self) -> SocketAddr {
         self.listen
     }
 
-    /// What holds for every client.
+    /// The rules for every client.
     ///
     /// # Errors
-    /// The name is none.
+    /// The board's name is invalid.
     pub fn rules(&self) -> Result<Rules, SegmentError> {
         let (socket, name) = self.place()?;
         Ok(Rules {
@@ -74,7 +74,7 @@ impl Options {
         })
     }
 
-    /// The daemon's socket, and the name that its board has to have.
+    /// The daemon's socket, and the name that its board must have.
     fn place(&self) -> Result<(PathBuf, Option<SegmentName>), SegmentError> {
         let told = self.name.as_deref();
         let socket = self.socket.clone();

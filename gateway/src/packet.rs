@@ -1,52 +1,52 @@
-//! Requests as they come over the network: a header of 8 bytes, its numbers big-endian, and for some requests data.
+//! Requests from the network: a header of 8 bytes with big-endian numbers, and data behind some of them.
 
-/// The length of a header.
+/// Bytes of a header.
 pub const HEADER: usize = 8;
-/// The most data of a request.
+/// Most bytes of data in a request.
 pub const DATA_MAX: usize = 1492;
-/// The most data of a reply.
+/// Most bytes of data in a reply.
 pub const REPLY_MAX: usize = 1400;
 
 const DOWNLOAD: u8 = 0x40;
 const UPLOAD: u8 = 0xC0;
 
-/// What is asked for, by its number on the wire.
+/// The kinds of request, with their numbers on the wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Request {
-    /// Sends a line. One byte; the line's reply is fetched by [`Self::GetBuffer`].
+    /// Sends a line; the reply is one byte. The client fetches the line's reply by [`Self::GetBuffer`].
     SendLine = 0xB0,
-    /// The next line of what is there to be fetched.
+    /// Fetches the next line of the waiting replies.
     GetLine = 0xB1,
-    /// Empties what is there to be fetched.
+    /// Drops the waiting replies.
     Flush = 0xB3,
     /// Reads bytes of the DPRAM.
     GetMem = 0xB4,
     /// Writes bytes of the DPRAM.
     SetMem = 0xB5,
-    /// Sends a control character. One byte.
+    /// Sends a control character; the reply is one byte.
     SendControl = 0xB6,
     /// Sets or clears bits of a long word.
     SetBit = 0xBA,
     /// Sets and clears bits of a long word.
     SetBits = 0xBB,
-    /// A byte of the host port.
+    /// Reads or writes a byte of the host port.
     Port = 0xBE,
     /// Sends a line, and fetches its reply.
     GetResponse = 0xBF,
-    /// Whether there is something to be fetched.
+    /// Asks whether replies wait.
     ReadReady = 0xC2,
     /// Sends a control character, and fetches its reply.
     ControlResponse = 0xC4,
-    /// The next reply, or part of one, of what is there to be fetched.
+    /// Fetches the next waiting reply, or a part of it.
     GetBuffer = 0xC5,
     /// Sends several lines.
     WriteBuffer = 0xC6,
-    /// How the last [`Self::WriteBuffer`] ended.
+    /// Tells how the last [`Self::WriteBuffer`] ended.
     WriteError = 0xC7,
     /// Loads other firmware.
     FirmwareDownload = 0xCB,
-    /// The address of the port.
+    /// Reads or sets the port's address.
     IpAddress = 0xE0,
 }
 
@@ -75,7 +75,7 @@ impl Request {
         Self::ALL.into_iter().find(|request| *request as u8 == number)
     }
 
-    /// Whether data follow the header. Of the other requests the length means what is to be read, or nothing at all.
+    /// Whether data follow the header. In other requests the length is the number of bytes to read, or means nothing.
     fn has_data(self, upload: bool) -> bool {
         match self {
             Self::SendLine
@@ -94,9 +94,9 @@ impl Request {
 /// A whole request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Packet {
-    /// The client wants data. Some write with it all the same.
+    /// The client wants data. Some clients set it in requests that write.
     pub upload: bool,
-    /// What is asked for.
+    /// The kind of request.
     pub request: Request,
     /// wValue.
     pub value: u16,
@@ -104,16 +104,16 @@ pub struct Packet {
     pub index: u16,
     /// wLength.
     pub length: u16,
-    /// What follows the header.
+    /// The bytes behind the header.
     pub data: Vec<u8>,
 }
 
-/// Bytes that are no request. Nothing behind them can be understood.
+/// Bytes that are no request. The gateway cannot read on behind them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Malformed {
-    /// The first byte is no direction.
+    /// The first byte names no direction.
     Direction(u8),
-    /// The second byte is no request that is known here.
+    /// The second byte names no known request.
     Request(u8),
     /// More data than a request can have.
     Length(u16),
@@ -130,7 +130,7 @@ impl std::fmt::Display for Malformed {
 }
 
 impl Packet {
-    /// The request at the beginning of `bytes`, and how many of them it takes; `None` while its end is missing.
+    /// The request at the start of `bytes`, and its number of bytes; `None` while its end is missing.
     ///
     /// # Errors
     /// [`Malformed`].

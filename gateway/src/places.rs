@@ -1,4 +1,4 @@
-//! The places of clients: never more than there are, and who has long been silent makes room for who comes.
+//! A fixed number of places for clients. A newcomer may take the place of a client who has long been silent.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -8,32 +8,32 @@ use std::time::{Duration, Instant};
 #[derive(Debug)]
 struct Place<T> {
     tenant: T,
-    /// His last request, or his coming.
+    /// The client's last request, or his arrival.
     since: Instant,
-    /// After how long a silence he makes room; `None`: never.
+    /// After this silence the client makes room; `None`: never.
     gives_way: Option<Duration>,
 }
 
-/// Places for clients, each known by a `K`. A `T` is how he is reached.
+/// Places for clients, each under a `K`. A `T` is the way to reach the client.
 #[derive(Debug)]
 pub struct Places<K, T> {
     taken: Mutex<BTreeMap<K, Place<T>>>,
     most: usize,
 }
 
-/// What became of a client who came.
+/// The result of a newcomer's request for a place.
 #[derive(Debug)]
 pub enum Taken<T> {
-    /// He has a place.
+    /// The newcomer has a free place.
     Free,
-    /// He has the place of this one, who was silent for so long.
+    /// The newcomer has the place of this client, who was silent for so long.
     InsteadOf(T, Duration),
-    /// There is none.
+    /// All places are taken.
     Full,
 }
 
 impl<K: Ord + Clone, T> Places<K, T> {
-    /// So many places.
+    /// A set of `most` places.
     #[must_use]
     pub const fn new(most: usize) -> Self {
         Self { taken: Mutex::new(BTreeMap::new()), most }
@@ -43,7 +43,7 @@ impl<K: Ord + Clone, T> Places<K, T> {
         self.taken.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A place for the client `key`, who gives it up again when he asks nothing for `gives_way` and another needs it.
+    /// Gives the client `key` a place. Another client may take it after `gives_way` without a request from `key`.
     pub fn take(&self, key: K, tenant: T, gives_way: Duration, now: Instant) -> Taken<T> {
         let mut taken = self.taken();
         let mut found = Taken::Free;
@@ -63,14 +63,14 @@ impl<K: Ord + Clone, T> Places<K, T> {
         found
     }
 
-    /// The client `key` has asked something at `now`, and keeps his place for so long a silence.
+    /// The client `key` sent a request at `now`; another client may take the place after the silence `gives_way`.
     pub fn asks(&self, key: &K, gives_way: Option<Duration>, now: Instant) {
         if let Some(place) = self.taken().get_mut(key) {
             (place.since, place.gives_way) = (now, gives_way);
         }
     }
 
-    /// The client `key` keeps his place for so long a silence from now on, and has asked nothing.
+    /// Changes the silence after which another client may take the place of `key`; counts as no request.
     pub fn keeps(&self, key: &K, gives_way: Option<Duration>) {
         if let Some(place) = self.taken().get_mut(key) {
             place.gives_way = gives_way;
@@ -82,7 +82,7 @@ impl<K: Ord + Clone, T> Places<K, T> {
         self.taken().remove(key);
     }
 
-    /// What `look` makes of the client `key`; `None` if he has no place.
+    /// Applies `look` to the client `key`; `None` if `key` has no place.
     pub fn with<R>(&self, key: &K, look: impl FnOnce(&T) -> R) -> Option<R> {
         self.taken().get(key).map(|place| look(&place.tenant))
     }
@@ -108,7 +108,7 @@ mod tests {
         assert!(matches!(told, Taken::InsteadOf(2, silence) if silence == 2 * LONG), "{told:?}");
         let told = places.take(5, 5, SHORT, start + 2 * LONG);
         assert!(matches!(told, Taken::InsteadOf(3, _)), "{told:?}");
-        // Who has asked nothing at all goes before the first minute is over.
+        // A client without any request makes room before the first minute is over.
         assert!(matches!(places.take(6, 6, SHORT, start + 2 * LONG), Taken::Full));
         assert!(matches!(places.take(6, 6, SHORT, start + 2 * LONG + SHORT), Taken::InsteadOf(4 | 5, _)));
         for key in 1..7 {

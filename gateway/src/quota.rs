@@ -1,15 +1,15 @@
-//! How often the log is told what anybody on the network can cause.
+//! Limits the log lines that strangers on the network can cause.
 
 use std::time::{Duration, Instant};
 
-/// Lines that may be logged now; what is used comes back with time.
+/// The log lines left at present; used lines come back with time.
 #[derive(Debug)]
 pub struct Quota {
     most: u32,
-    /// How long it takes for one to come back.
+    /// The time until one used line comes back.
     every: Duration,
     left: u32,
-    /// Since when `left` is right.
+    /// The time for which `left` holds.
     since: Option<Instant>,
     left_out: u64,
 }
@@ -21,7 +21,7 @@ impl Quota {
         Self { most, every, left: most, since: None, left_out: 0 }
     }
 
-    /// Whether one more line may be logged at `now`: if so, how many were left out before it.
+    /// Takes one line at `now`, and returns how many were dropped before it; `None` if no line is left.
     pub fn take(&mut self, now: Instant) -> Option<u64> {
         let since = *self.since.get_or_insert(now);
         let back = now.duration_since(since).as_nanos() / self.every.as_nanos().max(1);

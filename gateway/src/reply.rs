@@ -1,4 +1,4 @@
-//! The form of replies: what I3 and I6 put around the board's lines, and how much of it a client fetches at a time.
+//! The form of replies: the frame that I3 and I6 put around the board's lines, and how much a client fetches at a time.
 
 use std::collections::VecDeque;
 
@@ -12,7 +12,8 @@ const BELL: u8 = 0x07;
 const LF: u8 = b'\n';
 const CR: u8 = b'\r';
 
-/// The communication variables of one port: I3 and I6 (Software Reference pp. 22-25). An Ethernet port has its own, so every client has.
+/// The communication variables of one port: I3 and I6 (Software Reference pp. 22-25). An Ethernet port has its own, so
+/// each client has his own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Handshake {
     i3: u8,
@@ -20,14 +21,14 @@ pub struct Handshake {
 }
 
 impl Default for Handshake {
-    /// What every known client asks for first.
+    /// The values that every known client sets first.
     fn default() -> Self {
         Self { i3: 2, i6: 1 }
     }
 }
 
 impl Handshake {
-    /// The variables that are a client's own.
+    /// The variables that each client has for himself.
     pub const VARIABLES: [u32; 3] = [3, 4, 6];
 
     /// Whether one of them is among `numbers`.
@@ -36,8 +37,8 @@ impl Handshake {
         Self::VARIABLES.iter().any(|own| numbers.has(*own))
     }
 
-    /// Sets variable `number`. Whether it takes the value: I4 has none but 0. Of others a board sends check sums behind the ACK, where
-    /// [`Pending::take`] has ended.
+    /// Sets variable `number`; false if the gateway does not support the value. I4 must be 0: with another value a
+    /// board sends check sums behind the ACK, where [`Pending::take`] has ended.
     pub fn set(&mut self, number: u32, value: u32) -> bool {
         match (number, u8::try_from(value)) {
             (3, Ok(value @ 0..=3)) => self.i3 = value,
@@ -48,7 +49,7 @@ impl Handshake {
         true
     }
 
-    /// The value of variable `number`; `None` if it is the board's.
+    /// The client's value of variable `number`; `None` if the variable is the board's.
     #[must_use]
     pub fn get(self, number: u32) -> Option<u8> {
         match number {
@@ -60,10 +61,10 @@ impl Handshake {
     }
 }
 
-/// Bytes that a client may leave unfetched when he sends another line.
+/// With more unfetched bytes than this a client can send no further line.
 const UNFETCHED_MAX: usize = 1 << 18;
 
-/// What there is to be fetched by a client.
+/// The replies that a client has not fetched yet.
 #[derive(Debug, Default)]
 pub struct Pending {
     bytes: VecDeque<u8>,
@@ -75,19 +76,19 @@ impl Pending {
         self.bytes = VecDeque::new();
     }
 
-    /// Whether there is nothing.
+    /// Whether no reply waits.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.bytes.is_empty()
     }
 
-    /// Whether so much has not been fetched that nothing more is begun.
+    /// Whether the client must fetch replies before his next line.
     #[must_use]
     pub fn is_full(&self) -> bool {
         self.bytes.len() > UNFETCHED_MAX
     }
 
-    /// Adds what `other` has.
+    /// Adds the replies of `other`.
     pub(crate) fn append(&mut self, other: Self) {
         self.bytes.extend(other.bytes);
     }
@@ -104,7 +105,7 @@ impl Pending {
         }
     }
 
-    /// Adds the end of a command line that the board has taken.
+    /// Adds the acknowledgement of a command line that the board has taken.
     pub fn end(&mut self, handshake: Handshake) {
         match handshake.i3 {
             0 => {}
@@ -113,13 +114,14 @@ impl Pending {
         }
     }
 
-    /// Adds a text that a program of the board has sent by itself, with its mark. Nothing acknowledges it.
+    /// Adds a text that a board's program has sent, with its mark. No acknowledgement follows.
     pub fn text(&mut self, text: String, handshake: Handshake) {
-        // The mark stands right before the text: a client who fetches line by line would take a text without it for a reply.
+        // The mark stands right before the text: a client that fetches line by line would take an unmarked text for a
+        // reply.
         self.lines(&[format!("{}{text}", char::from(STX))], handshake);
     }
 
-    /// Adds an error, which nothing acknowledges.
+    /// Adds an error. No acknowledgement follows.
     pub fn error(&mut self, code: u16, handshake: Handshake) {
         self.bytes.push_back(BELL);
         if handshake.i6 & 1 == 0 {
@@ -134,8 +136,8 @@ impl Pending {
         self.bytes.extend(format!("ERR{code:03}\r").bytes());
     }
 
-    /// The next reply or part of one: up to an ACK or LF; of an error or a text sent by a program, up to the next CR. At most
-    /// [`REPLY_MAX`] bytes; one 0 when there is nothing.
+    /// The next reply or a part of it: up to an ACK or LF; an error or a program's text up to the next CR. At most
+    /// [`REPLY_MAX`] bytes; a single 0 when nothing waits.
     pub fn take(&mut self) -> Vec<u8> {
         let mut found = None;
         let mut is_told = false;
@@ -143,7 +145,7 @@ impl Pending {
             match *byte {
                 BELL | STX => is_told = true,
                 ACK => found = Some(at),
-                // An error's own CR comes first where I6 is 3.
+                // With I6=3 an error has a CR of its own first.
                 CR if is_told && self.bytes.get(at.wrapping_sub(1)) != Some(&BELL) => found = Some(at),
                 LF if !is_told => found = Some(at),
                 _ => {}
@@ -155,12 +157,12 @@ impl Pending {
         self.cut(found)
     }
 
-    /// The lines of data without what I3 puts around them.
+    /// The data lines without the frame of I3.
     pub fn into_lines(self) -> Vec<Vec<u8>> {
         let mut bytes = Vec::from(self.bytes);
         bytes.retain(|byte| ![LF, ACK].contains(byte));
         let mut lines: Vec<Vec<u8>> = bytes.split(|byte| *byte == CR).map(<[u8]>::to_vec).collect();
-        // Behind the last CR is nothing.
+        // The last CR ends the last line; drop the empty piece behind it.
         lines.pop();
         lines
     }
@@ -178,7 +180,7 @@ impl Pending {
         let count = last.map_or(REPLY_MAX, |last| last + 1).min(self.bytes.len());
         let taken = self.bytes.drain(..count).collect();
         if self.bytes.is_empty() {
-            // What one long reply took is not kept.
+            // Frees the memory of a long reply.
             self.clear();
         }
         taken

@@ -1,4 +1,4 @@
-//! One client: what he is answered to each request.
+//! One client's requests and their answers.
 
 use std::net::IpAddr;
 use std::time::Duration;
@@ -17,68 +17,70 @@ use crate::reply::{Handshake, Pending};
 use crate::texts::Texts;
 use crate::window::Reply;
 
-/// One byte that says: done.
+/// The byte that confirms a request.
 pub(crate) const DONE: u8 = b'@';
-/// What a client is told who may only look.
+/// The refusal for a client that may only read.
 pub(crate) const READ_ONLY: &str = "this gateway only reads (--read-only)";
-/// How the log calls what was not done.
+/// The log's word for a refusal.
 pub(crate) const REFUSAL: &str = "refused";
-/// After how long a silence a client makes room for another; and one who has moved something, which may still move.
+/// After this silence a client makes room for another: `SILENT`, or `SILENT_MOVER` if the client has moved something,
+/// which may still move.
 const SILENT: Duration = Duration::from_secs(60);
 const SILENT_MOVER: Duration = Duration::from_secs(3600);
 
-/// What holds for every client.
+/// The rules for every client.
 #[derive(Debug, Clone)]
 pub struct Rules {
     /// The board's daemon.
     pub place: Place,
-    /// Nothing is sent but questions.
+    /// Only questions go to the board.
     pub read_only: bool,
     /// A jog without an end goes on when its client is gone.
     pub keep_jogs: bool,
-    /// What `VERSION` is answered, if not by the board.
+    /// The gateway's own answer to `VERSION`; `None`: the board's.
     pub version: Option<String>,
-    /// What the board's programs send by themselves.
+    /// The texts that the board's programs send.
     pub texts: Texts,
 }
 
-/// What a client is answered, or why his connection ends instead.
+/// The answer to a client, or why his connection ends instead.
 pub type Answer = Result<Vec<u8>, String>;
 
-/// What a client is on his port, besides what he has not fetched.
+/// The state of a client's port, without unfetched replies.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Port {
     pub(crate) handshake: Handshake,
-    /// The motor and the coordinate system that he addressed last.
+    /// The motor and the coordinate system that the client addressed last.
     pub(crate) addressed: Addressed,
-    /// The program buffer that he had open was closed by another, or for his silence. What he sends may be meant for it until he
-    /// closes it, or opens one.
+    /// Another closed the client's program buffer, or `pmacd` closed it for the client's silence. Until the client
+    /// sends a CLOSE or an OPEN, his lines may be meant for that buffer.
     pub(crate) has_lost_buffer: bool,
 }
 
 /// One client.
 pub struct Session {
     peer: String,
-    /// Whether he is gone, as far as that can be seen without reading what he has sent.
+    /// Whether the client is gone, as far as the gateway sees without reading his data.
     is_gone: Box<dyn Fn() -> bool + Send>,
-    /// The address that he has for this program.
+    /// The address at which the client reached this program.
     own_address: Option<IpAddr>,
     pub(crate) rules: Rules,
     pub(crate) board: Board,
     pub(crate) port: Port,
     pub(crate) pending: Pending,
-    /// What this client addressed before may have been forgotten: a line has to say whom it addresses, until one has.
+    /// The gateway may have forgotten what this client addressed: his lines must name the motor or system, until a line
+    /// has.
     pub(crate) says_whom: bool,
-    /// The same of what moves or stops something, behind a line that the board has refused, of what that line has addressed.
+    /// After a refused line, which of its addresses a line that moves or stops something must name again.
     pub(crate) doubt: Doubt,
     has_moved: bool,
-    /// The number of the next text of the board's programs that he gets.
+    /// The number of the next program text for this client.
     next_text: u64,
     write_error: [u8; 4],
 }
 
 impl Session {
-    /// The client at `peer`. Nothing is connected yet.
+    /// The client at `peer`, not connected yet.
     #[must_use]
     pub fn new(peer: String, rules: Rules) -> Self {
         let board = Board::new(rules.place.clone(), rules.keep_jogs);
@@ -99,22 +101,22 @@ impl Session {
         }
     }
 
-    /// Of the same client `is_gone` says whether he is.
+    /// The same client; `is_gone` tells whether the client is gone.
     #[must_use]
     pub fn watching(self, is_gone: impl Fn() -> bool + Send + 'static) -> Self {
         Self { is_gone: Box::new(is_gone), ..self }
     }
 
-    /// The same client, who has reached this program at `own_address`.
+    /// The same client, who reached this program at `own_address`.
     #[must_use]
     pub fn reached_at(self, own_address: Option<IpAddr>) -> Self {
         Self { own_address, ..self }
     }
 
-    /// Looks whether somebody is there, while motors jog for him: a request may have hundreds of lines.
+    /// Ends a request of a client that is gone while motors jog for him: a request may have hundreds of lines.
     ///
     /// # Errors
-    /// [`Failure::Gone`]: with the client's connection his jogs end.
+    /// [`Failure::Gone`]: the client's jogs end with his connection.
     pub(crate) fn look_after_jogs(&self) -> Result<(), Failure> {
         if self.board.has_jogs() && (self.is_gone)() {
             return Err(Failure::Gone("he is gone, and a motor jogged for him".to_owned()));
@@ -122,32 +124,34 @@ impl Session {
         Ok(())
     }
 
-    /// The client at `peer`, of whom `port` was remembered, if he was here before. He does not hear it when he is forgotten.
+    /// The client at `peer`, with the remembered `port` if he was here before. A forgotten client does not learn that
+    /// he was forgotten.
     #[must_use]
     pub fn again(peer: String, rules: Rules, port: Option<Port>) -> Self {
         Self { port: port.unwrap_or_default(), says_whom: true, ..Self::new(peer, rules) }
     }
 
-    /// What is to be remembered of him.
+    /// The state to remember for the client's return.
     #[must_use]
     pub fn into_port(self) -> Port {
         Port { has_lost_buffer: self.port.has_lost_buffer || self.board.is_in_buffer(), ..self.port }
     }
 
-    /// After how long a silence he makes room for another client: never while he has a program buffer open.
+    /// After this silence the client makes room for another client; `None`: never while the client has a program buffer
+    /// open.
     #[must_use]
     pub fn gives_way(&self) -> Option<Duration> {
         let silent = if self.has_moved { SILENT_MOVER } else { SILENT };
         (!self.board.is_in_buffer()).then_some(silent)
     }
 
-    /// How soon [`Self::renew`] is to be called; never if `None`.
+    /// The time until the next [`Self::renew`]; `None`: never.
     #[must_use]
     pub fn renews_in(&self) -> Option<Duration> {
         self.board.renews_in()
     }
 
-    /// Says that the client is still there.
+    /// Tells `pmacd` that the client is alive.
     pub fn renew(&mut self) {
         if let Err(Failure::Refused { why: Some(why), .. }) = self.board.renew() {
             self.port.has_lost_buffer = true;
@@ -155,7 +159,7 @@ impl Session {
         }
     }
 
-    /// What `packet` is answered.
+    /// Answers `packet`.
     pub fn answer(&mut self, packet: &Packet) -> Answer {
         let Packet { request, upload, value, .. } = *packet;
         let was_in_buffer = self.board.is_in_buffer();
@@ -177,7 +181,7 @@ impl Session {
                 self.look_for_text();
                 Ok(vec![u8::from(!self.pending.is_empty()), 0])
             }
-            // ^X would end the line that the board is at, whosever it is. Here each client has a port of his own.
+            // ^X would end any client's running line on the board. Here each client has a port of his own.
             Request::Flush => {
                 self.flush();
                 Ok(vec![DONE])
@@ -193,7 +197,7 @@ impl Session {
             }
         };
         match answer {
-            // The answers to other requests have no room for an error: the client would take it for what he has asked for.
+            // The answers to other requests have no room for an error: the client would take the error for data.
             Err(Failure::Refused { code, lines, why, .. })
                 if matches!(request, Request::GetResponse | Request::ControlResponse) =>
             {
@@ -210,10 +214,10 @@ impl Session {
     /// Carries out a line of the client's window; `None` where the board need not answer it.
     ///
     /// # Errors
-    /// Why his connection ends.
+    /// Why the client's connection ends.
     pub(crate) fn line_of_window(&mut self, text: &[u8]) -> Result<Option<Reply>, String> {
         let was_in_buffer = self.board.is_in_buffer();
-        // What is to be fetched of other lines stays apart.
+        // Keeps the unfetched replies of other lines apart.
         let others = std::mem::take(&mut self.pending);
         let mut parts = text.trim_ascii_end().split(|byte| matches!(byte, b'\r' | b'\n'));
         let done = parts.try_for_each(|part| self.one_text(part));
@@ -238,7 +242,7 @@ impl Session {
         }
     }
 
-    /// The address at which the client has reached this program.
+    /// The address at which the client reached this program.
     fn ip_address(&self) -> Result<Vec<u8>, Failure> {
         match self.own_address.map(|address| address.to_canonical()) {
             Some(IpAddr::V4(address)) => Ok(address.octets().to_vec()),
@@ -246,13 +250,13 @@ impl Session {
         }
     }
 
-    /// The same client with a connection to `pmacd` of its own, for what does not wait for the line that this one is at.
+    /// The same client with a connection to `pmacd` of its own, for requests that do not wait for the running line.
     pub(crate) fn beside(&self) -> Self {
         let beside = Self::new(self.peer.clone(), self.rules.clone());
         Self { port: self.port, says_whom: self.says_whom, ..beside }
     }
 
-    /// What was done `beside` counts for this client, and its replies stand behind his.
+    /// Takes over what the client did `beside`: its replies follow his own.
     pub(crate) fn joins(&mut self, beside: &mut Self) {
         self.has_moved |= beside.has_moved;
         self.pending.append(std::mem::take(&mut beside.pending));
@@ -263,13 +267,13 @@ impl Session {
         self.board.family()
     }
 
-    /// Empties what there is to be fetched, texts of the board's programs, too.
+    /// Drops the unfetched replies and program texts.
     pub(crate) fn flush(&mut self) {
         self.pending.clear();
         self.next_text = self.rules.texts.end();
     }
 
-    /// Where nothing else is there to be fetched, a text of the board's programs is. One at a time: what is not fetched stays bounded.
+    /// If no reply waits, puts one program text there. Only one at a time, so the unfetched bytes stay bounded.
     fn look_for_text(&mut self) {
         if !self.pending.is_empty() {
             return;
@@ -286,7 +290,7 @@ impl Session {
         self.pending.text(text, self.port.handshake);
     }
 
-    /// Puts a refusal where the client fetches it.
+    /// Adds a refusal to the client's replies.
     pub(crate) fn refused(&mut self, code: u16, lines: &[String], why: Option<&str>) {
         self.pending.lines(lines, self.port.handshake);
         self.pending.error(code, self.port.handshake);
@@ -295,12 +299,12 @@ impl Session {
         }
     }
 
-    /// Logs that something was `refused`, or what else became of it, and why.
+    /// Logs an event (`refused` or another word) and its reason.
     pub(crate) fn tell(&self, what: &str, why: &str) {
         info!("{}: {what}: {}", self.peer, Visible(why));
     }
 
-    /// Logs what moves or stops something, unless nothing of it was sent.
+    /// Logs a line that moves or stops something, unless nothing was sent.
     pub(crate) fn log_motion<T>(&mut self, line: &str, sent: &Result<T, Failure>) {
         if !matches!(sent, Err(Failure::Refused { is_sent: false, .. })) {
             self.has_moved = true;
@@ -308,13 +312,13 @@ impl Session {
         }
     }
 
-    /// Sends a control character, and returns its reply; nothing for most of them.
+    /// Sends a control character and returns its reply, which is empty for most of them.
     pub(crate) fn control(&mut self, character: u8) -> Result<Vec<String>, Failure> {
         if character == control::CANCEL {
             self.flush();
             return Ok(Vec::new());
         }
-        // They open and close the buffers for whoever sends lines.
+        // These open and close the buffers for every client's lines.
         if matches!(character, control::OPEN_ROTARY | control::CLOSE_ROTARY) {
             let why = "a buffer is a client's own only if he opens it by a line, as OPEN ROT, and closes it by CLOSE";
             return Err(Failure::unsent(board::NOT_NOW, why));
@@ -341,7 +345,8 @@ impl Session {
         Ok(self.pending.take())
     }
 
-    /// Sends lines until one is refused. Four bytes: the number of the line, low byte first; the error; $80 if there is one.
+    /// Sends lines until the board refuses a line. Answers four bytes: the line's number, low byte first; the error;
+    /// $80 for an error.
     fn write_buffer(&mut self, data: &[u8]) -> Result<Vec<u8>, Failure> {
         const LONGEST: usize = 1024;
         const ERROR: u8 = 0x80;
@@ -368,7 +373,7 @@ impl Session {
             self.write_error = [low, high, u8::try_from(code).unwrap_or(u8::MAX), ERROR];
             break;
         }
-        // What the lines have answered is not asked for.
+        // The client does not ask for the replies of these lines.
         self.pending.clear();
         Ok(self.write_error.to_vec())
     }

@@ -1,4 +1,4 @@
-//! Clients by TCP: a thread each, and never more than there are places.
+//! Clients by TCP: each has a thread and one of a fixed number of places.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -18,26 +18,26 @@ use crate::packet::Packet;
 use crate::places::{Places, Taken};
 use crate::session::{Rules, Session};
 
-/// The most clients. Each has two connections to `pmacd` while it stops something beside a line, and those by UDP, too: `pmacd` gives
-/// a user 64.
+/// Most clients. A client by TCP or UDP has two connections to `pmacd` while it stops something beside a running line;
+/// `pmacd` gives a user 64.
 pub const CLIENTS_MAX: usize = 22;
-/// How long a client may take for a request that he has begun, and for fetching an answer.
+/// How long a client may take to complete a request, and to fetch an answer.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// How often a client is looked after who has sent half a request.
+/// How often the gateway checks a client that has sent half a request.
 const LOOK: Duration = Duration::from_secs(1);
-/// How long accepting pauses when the system has nothing left.
+/// How long the gateway pauses after a failed accept.
 const PAUSE: Duration = Duration::from_millis(200);
-/// What a client's thread needs.
+/// Stack of a client's thread, in bytes.
 const STACK: usize = 256 * 1024;
-/// A client who acknowledges nothing for so long is gone: neither an answer, nor the question whether he is still there.
+/// A client that acknowledges neither an answer nor a keep-alive for this long is gone.
 const GONE_AFTER: Duration = Duration::from_secs(6);
-/// When a client that says nothing is asked that, in seconds, and how often.
+/// Keep-alive: seconds of silence before the first probe, seconds between probes, and how many probes.
 const ALIVE: (u32, u32, u32) = (3, 1, 3);
 
-/// The clients, each by a number that is never used again.
+/// The clients, each under a number that is never used again.
 type Clients = Places<u64, TcpStream>;
 
-/// Serves whoever comes, for ever.
+/// Serves all clients, for ever.
 pub fn serve(listener: &TcpListener, rules: &Rules) {
     let clients = Arc::new(Clients::new(CLIENTS_MAX));
     let mut is_full = false;
@@ -65,7 +65,7 @@ pub fn serve(listener: &TcpListener, rules: &Rules) {
     }
 }
 
-/// Gives a client his thread. Whether there is a place for him.
+/// Starts a client's thread; false if no place is free.
 fn begin(
     clients: &Arc<Clients>,
     id: u64,
@@ -83,7 +83,7 @@ fn begin(
                     silence.as_secs()
                 );
             }
-            // His thread reads the end then.
+            // The other client's thread then reads the end of its stream.
             drop(other.shutdown(Shutdown::Both));
         }
         Taken::Full => return Ok(false),
@@ -111,8 +111,8 @@ fn begin(
     started.map(|_| true)
 }
 
-/// Has the system end `stream` when its other end is gone without a word: a cable is pulled, a machine has no power. While an
-/// answer is not acknowledged, nothing is asked, and TCP would send that again for a quarter of an hour.
+/// Makes the system end `stream` when the client vanishes silently (a pulled cable, a machine without power). While an
+/// answer is unacknowledged TCP sends no keep-alive probe, and would repeat the answer for a quarter of an hour.
 fn notice_the_end(stream: &TcpStream) -> io::Result<()> {
     let (idle, between, times) = ALIVE;
     let gone_after = u32::try_from(GONE_AFTER.as_millis()).unwrap_or(u32::MAX);
@@ -125,15 +125,16 @@ fn notice_the_end(stream: &TcpStream) -> io::Result<()> {
     Ok(())
 }
 
-/// Whether the client has ended his side of `stream`, or the system has. What he has sent before that may still lie there.
+/// Whether the client or the system has ended the client's side of `stream`. Data sent before the end may still be
+/// unread.
 fn has_ended(stream: &TcpStream) -> bool {
-    // nix has no name for the first one.
+    // nix has no name for POLLRDHUP.
     let gone = PollFlags::from_bits_retain(POLLRDHUP) | PollFlags::POLLHUP | PollFlags::POLLERR;
     let mut looked = [PollFd::new(stream.as_fd(), gone)];
     poll(&mut looked, PollTimeout::ZERO).is_ok_and(|found| found > 0)
 }
 
-/// Answers a client until he leaves, or why he has to.
+/// Answers a client until the client leaves, or returns why the connection ends.
 fn attend(clients: &Clients, id: u64, mut stream: TcpStream, mut client: Client) -> Option<String> {
     let (mut bytes, mut chunk) = (Vec::new(), [0; 2048]);
     let mut half_since = None;
@@ -143,7 +144,7 @@ fn attend(clients: &Clients, id: u64, mut stream: TcpStream, mut client: Client)
             Ok(Some((packet, taken))) => {
                 bytes.drain(..taken);
                 half_since = None;
-                // Nobody has his place while he is answered.
+                // No other client takes the place while this client's request runs.
                 clients.asks(&id, None, Instant::now());
                 match client.answer(&packet) {
                     Ok(reply) => {
@@ -177,14 +178,14 @@ fn attend(clients: &Clients, id: u64, mut stream: TcpStream, mut client: Client)
             Ok(count) => bytes.extend_from_slice(&chunk[..count]),
             Err(error) => match error.kind() {
                 ErrorKind::WouldBlock | ErrorKind::Interrupted => {}
-                // Of a client who acknowledges nothing, too.
+                // Also the end of a client that acknowledges nothing.
                 _ => return Some(error.to_string()),
             },
         }
     }
 }
 
-/// Sends a whole answer, in one piece if there is room: some clients take what comes first for all of it.
+/// Sends a whole answer, in one piece if the system has room: some clients take the first piece for the whole.
 fn send(stream: &mut TcpStream, mut reply: &[u8]) -> io::Result<()> {
     let deadline = Instant::now() + PATIENCE;
     while !reply.is_empty() {

@@ -1,9 +1,10 @@
 //! Command lines of a client.
 //!
-//! I3, I4 and I6 are the client's own and go nowhere. Control characters go ahead of the line they stand in, as a board takes them at
-//! once. A line that does not say whom it addresses means whom this client addressed last, whatever others have addressed meanwhile.
-//! A line that is too long for the board goes in parts if it asks, sets variables and writes memory only, and is refused otherwise.
-//! Questions for many variables go in parts, too, so that nobody's stop waits for all of them.
+//! I3, I4 and I6 are the client's own and do not reach the board. Control characters go before the line that holds
+//! them, because a board takes them at once. A line without an address means this client's last address, whatever other
+//! clients have addressed since. A line too long for the board goes in parts if it only asks, sets variables and writes
+//! memory; the gateway refuses other long lines. Questions for many variables go in parts, too, so that no client's
+//! stop waits for the whole question.
 
 use pmac_dpram::language::lexer::{Does, Kind, Needs, Token, tokens};
 use pmac_dpram::language::number::Numbers;
@@ -15,31 +16,31 @@ use crate::board::{self, Failure};
 use crate::reply::Handshake;
 use crate::session::{READ_ONLY, Session};
 
-/// The variables that are asked for in one question, and of how many at most.
+/// Variables in one question to the board, and in a client's question at most.
 const AT_ONCE: u32 = 50;
 const MOST: u32 = 8192;
 
-/// A piece of a line, and what becomes of it.
+/// A piece of a line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Piece {
-    /// It goes to the board.
+    /// Goes to the board.
     Send(String),
-    /// A question for I-variables that are the client's own, among them: the first and the step between them.
+    /// A question for I-variables, among them some of the client's own: the first variable and the step between them.
     Own(String, u32, u32),
-    /// A variable of the client's own gets this value.
+    /// Sets a variable of the client's own to this value.
     Set(u32, u32),
-    /// The version is answered here.
+    /// The gateway's own answer to `VERSION`.
     Version(String),
-    /// It goes nowhere: an address that nothing behind it needs, of a client who only reads.
+    /// Sent nowhere: an address without a use behind it, of a client that may only read.
     Nothing,
 }
 
-/// What of a line does not go to the board as it stands there.
+/// The parts of a line that the gateway keeps from the board.
 #[derive(Debug, Clone, Copy, Default)]
 struct Kept<'a> {
-    /// What the version is answered.
+    /// The gateway's own answer to `VERSION`.
     version: Option<&'a str>,
-    /// The board is told whom a line addresses only where a question needs it.
+    /// The gateway sends an address only where a question needs it.
     addresses: bool,
 }
 
@@ -47,12 +48,12 @@ fn tokens_of(line: &str) -> Vec<Token> {
     tokens(line.as_bytes()).collect()
 }
 
-/// Whether one of `tokens` moves or stops something.
+/// Whether `tokens` move or stop something.
 fn has_motion(tokens: &[Token]) -> bool {
     tokens.iter().any(|token| matches!(token.kind, Kind::Moves(..) | Kind::Resets))
 }
 
-/// The pieces of `line`.
+/// Splits `line` into pieces.
 fn pieces(
     line: &str,
     tokens: &[Token],
@@ -72,7 +73,7 @@ fn pieces(
         };
         let (now, behind) = rest.split_at(count.max(1));
         pieces.push(own.unwrap_or_else(|| {
-            // Whom what stands behind this piece means is said with that.
+            // A trailing address goes with the piece that uses it.
             let ends = |token: &Token| !kept.addresses || only_addresses(token).is_none();
             match now.iter().rposition(ends) {
                 Some(last) => Piece::Send(text_of(line, &now[..=last], addressed)),
@@ -85,7 +86,7 @@ fn pieces(
     Ok(pieces)
 }
 
-/// What becomes of the first of `tokens` if it does not go to the board as it is.
+/// The piece for the first of `tokens`, if the board does not get that token as it is.
 fn own_piece(line: &str, tokens: &[Token], kept: Kept<'_>) -> Result<Option<Piece>, Failure> {
     let Some((token, behind)) = tokens.split_first() else { return Ok(None) };
     let text = line[token.span.clone()].trim();
@@ -114,12 +115,12 @@ fn own_piece(line: &str, tokens: &[Token], kept: Kept<'_>) -> Result<Option<Piec
     }
 }
 
-/// Whether `token` sets variables that are a client's own.
+/// Whether `token` sets variables of the client's own.
 fn sets_own(token: &Token) -> bool {
     matches!(token.kind, Kind::Variables(b'I', numbers, Does::Sets { .. }) if Handshake::has_among(numbers))
 }
 
-/// What `token` addresses, if it does nothing else.
+/// The kind of address, if `token` is nothing but an address.
 fn only_addresses(token: &Token) -> Option<Needs> {
     match token.kind {
         Kind::Motor(_) => Some(Needs::Motor),
@@ -128,15 +129,15 @@ fn only_addresses(token: &Token) -> Option<Needs> {
     }
 }
 
-/// `tokens` as they are sent.
+/// The text of `tokens` for the board, with the address that they need.
 fn text_of(line: &str, tokens: &[Token], addressed: Addressed) -> String {
     let start = tokens.first().map_or(0, |token| token.span.start);
     let end = tokens.last().map_or(0, |token| token.span.end);
     addressed.prefix(tokens) + line[start..end].trim()
 }
 
-/// How many of the first `count` tokens go in one piece: all of them if the board takes it; else, of those that may be parted, as
-/// many as it takes, if that can be up to where another motor or coordinate system is addressed.
+/// How many of the first `count` tokens go in one piece: all, if the board takes so long a line. Otherwise as many as
+/// fit, if each may end its line; the cut stands before an address, if possible.
 fn fitting(line: &str, count: usize, tokens: &[Token], addressed: Addressed) -> Result<usize, Failure> {
     let fits = |count: usize| text_of(line, &tokens[..count], addressed).len() <= LINE_MAX;
     if fits(count) {
@@ -158,8 +159,8 @@ fn fitting(line: &str, count: usize, tokens: &[Token], addressed: Addressed) -> 
     (1..count).rev().filter(begins).find(|count| fits(*count)).or_else(most).ok_or_else(too_long)
 }
 
-/// The questions of `line` for no more than so many variables each, if it has a longer one and asks only. The board takes seconds for
-/// thousands of variables, and what stops a motor by command line waits for the line under way.
+/// `line` as questions for at most [`AT_ONCE`] variables each; `None` if no question is longer or the line does not
+/// only ask. The board takes seconds for thousands of variables, and a stop by command line waits for the running line.
 fn short_questions(line: &str, tokens: &[Token]) -> Option<Vec<String>> {
     if !tokens.iter().all(|token| token.kind.only_asks()) {
         return None;
@@ -171,7 +172,7 @@ fn short_questions(line: &str, tokens: &[Token]) -> Option<Vec<String>> {
     })
 }
 
-/// `line`, too long for the board, with its long writes of memory as several of a length that the board takes; `None` without any.
+/// `line` with each memory write that is too long for the board split into shorter writes; `None` without such a write.
 fn short_writes(line: &str, tokens: &[Token]) -> Option<String> {
     let is_long = |token: &Token| token.kind == Kind::WritesMemory && token.span.len() > LINE_MAX;
     if !tokens.iter().any(is_long) {
@@ -185,7 +186,8 @@ fn short_writes(line: &str, tokens: &[Token]) -> Option<String> {
     Some(commands.collect::<Vec<_>>().join(" "))
 }
 
-/// `WL:$770,1,2,3` as `WL:$770,1,2` and `WL:$772,3`, none of them too long: each value has an address of its own.
+/// `WL:$770,1,2,3` as `WL:$770,1,2` and `WL:$772,3`, each short enough for the board: each value has an address of its
+/// own.
 fn rows(text: &str) -> Option<Vec<String>> {
     let text: String = text.split_whitespace().collect();
     let (head, values) = text.split_once(',')?;
@@ -208,7 +210,8 @@ fn rows(text: &str) -> Option<Vec<String>> {
     Some(rows)
 }
 
-/// `I0..8191` as `I0..49`, `I50..99` and so on; `M0,100,2->` as `M0,50,2->`, `M100,50,2->`. `None` of anything shorter, or else.
+/// `I0..8191` as `I0..49`, `I50..99` and so on; `M0,100,2->` as `M0,50,2->`, `M100,50,2->`. `None` for a shorter range
+/// or any other text.
 fn ranges(text: &str) -> Option<Vec<String>> {
     let kind = text.get(..1).filter(|kind| "IPQM".contains(&kind.to_ascii_uppercase()))?;
     let (numbers, arrow) = match text[1..].split_once("->") {
@@ -241,16 +244,16 @@ fn ranges(text: &str) -> Option<Vec<String>> {
 }
 
 impl Session {
-    /// Carries out the lines of `text`, and puts their replies where the client fetches them.
+    /// Carries out the lines of `text`, and adds their replies for the client.
     pub(crate) fn text(&mut self, text: &[u8]) -> Result<(), Failure> {
-        // "The string NULL terminated"; a terminator of the line is more than is needed.
+        // "The string NULL terminated"; the gateway also accepts a line terminator.
         let text = text.split(|byte| *byte == 0).next().unwrap_or_default();
         let text = text.strip_suffix(b"\n").unwrap_or(text);
         let text = text.strip_suffix(b"\r").unwrap_or(text);
         for line in text.split(|byte| matches!(byte, b'\r' | b'\n')) {
             match self.one_text(line) {
                 Err(Failure::Refused { code, lines, why, .. }) => self.refused(code, &lines, why.as_deref()),
-                // Where nothing is there to be fetched, one 0 says so.
+                // With no reply waiting, the client fetches a single 0.
                 Err(Failure::Unanswered(why)) => self.tell("no answer", &why),
                 done => done?,
             }
@@ -258,7 +261,7 @@ impl Session {
         Ok(())
     }
 
-    /// Carries out one line, and what control characters stand in it.
+    /// Carries out one line and the control characters in it.
     pub(crate) fn one_text(&mut self, text: &[u8]) -> Result<(), Failure> {
         if self.pending.is_full() {
             return Err(Failure::Gone("the client does not fetch what he is answered".to_owned()));
@@ -288,7 +291,7 @@ impl Session {
         }
         let meaning = Meaning::of(line);
         let effect = meaning.buffer;
-        // What ends what he sends for the buffer, or begins another, is no line of it.
+        // A line that closes the lost buffer or opens another one is not meant for the lost buffer.
         self.port.has_lost_buffer &= effect.is_none();
         if self.port.has_lost_buffer {
             let why =
@@ -326,7 +329,7 @@ impl Session {
         sent
     }
 
-    /// A line whose commands are known.
+    /// Carries out a line for no program buffer.
     fn commands(&mut self, line: &str, tokens: &[Token]) -> Result<(), Failure> {
         let mut addressed = self.port.addressed;
         let doubt = match has_motion(tokens) {
@@ -339,14 +342,14 @@ impl Session {
             return Err(Failure::unsent(board::UNKNOWN, why));
         }
         if addressed.motor.is_none() && !self.rules.keep_jogs && Meaning::of(line).possible_jogs().unnamed {
-            // Its end has to name the motor.
+            // The line that ends the jog has to name the motor.
             addressed.motor = self.board.send("#")?.first().and_then(|answer| answer.trim().parse().ok());
         }
         let kept = Kept { version: self.rules.version.as_deref(), addresses: self.rules.read_only };
         let pieces = pieces(line, tokens, addressed, kept)?;
         let mut handshake = self.port.handshake;
         for piece in &pieces {
-            // Before anything is sent: of a line that is refused nothing is carried out.
+            // Checked before anything is sent: nothing of a refused line takes effect.
             if let Piece::Set(number, value) = piece
                 && !handshake.set(*number, *value)
             {
@@ -369,8 +372,9 @@ impl Session {
         Ok(())
     }
 
-    /// A line failed before which the client addressed `before`. Which of its addresses the board has taken is not known, unless
-    /// nothing was sent: the next line that moves or stops something has to say whom it means.
+    /// Falls back after a failed line; `before` is the address before it. Unless nothing was sent, the gateway does not
+    /// know which of the line's addresses the board has taken: the next line that moves or stops something must name
+    /// its motor or system.
     fn fall_back(&mut self, before: Addressed, failure: &Failure) {
         match failure {
             Failure::Unanswered(_) => {}
@@ -383,7 +387,7 @@ impl Session {
         }
     }
 
-    /// A line that goes as it is: it opens a program buffer, or enters one.
+    /// Sends a line unchanged: it opens a program buffer, or enters one.
     fn whole_line(&mut self, line: &str, meaning: &Meaning) -> Result<(), Failure> {
         if self.rules.read_only {
             return Err(Failure::unsent(board::NO_RIGHT, READ_ONLY));
@@ -413,7 +417,7 @@ impl Session {
                 let mut lines = self.board.send(question)?;
                 for (number, line) in (*first..).step_by((*step).max(1) as usize).zip(&mut lines) {
                     if let Some(value) = self.port.handshake.get(number) {
-                        // The board's form, with "I3=" or "$" as its I9 wants it.
+                        // Keeps the board's form before the value, "I3=" or "$" as its I9 has it.
                         let kept = line.rfind(['=', '$']).map_or(0, |at| at + 1);
                         line.truncate(kept);
                         line.push_str(&value.to_string());
@@ -425,8 +429,8 @@ impl Session {
     }
 }
 
-/// A failure of `piece` of a line of which `done` pieces are carried out. That a later one was not sent is then no reason that is the
-/// board's: the client sees the replies up to there, and the log how far it has come.
+/// The failure of `piece` after `done` pieces of its line. Not sending a later piece is no refusal of the board: the
+/// client sees the replies up to there, and the log tells how far the line has come.
 fn known_only_in_part(failure: Failure, piece: &Piece, done: usize) -> Failure {
     match failure {
         Failure::Refused { code, lines, why, .. } if done > 0 => {
@@ -530,12 +534,12 @@ mod tests {
             whole += text;
         }
         assert_eq!(whole, line);
-        // One command that is neither, wherever it stands, and nothing of its line is sent.
+        // One command of another kind, anywhere in the line, and nothing of the line is sent.
         for line in ["P1=1 ".repeat(50) + "#1J+", "&1A ".to_owned() + &"P1=1 ".repeat(50)] {
             let Err(Failure::Refused { code, .. }) = of(&line, None, None) else { panic!("{line}") };
             assert_eq!(code, board::NO_ROOM);
         }
-        // What has no address is cut between two questions.
+        // Questions without an address: the cut may stand between any two.
         let told = of(&"M5000 ".repeat(80), None, None).unwrap();
         let whole: Vec<&Piece> = told.iter().filter(|piece| matches!(piece, Piece::Send(_))).collect();
         assert!(whole.len() == told.len() && told.len() > 1);

@@ -1,7 +1,7 @@
-//! Texts that the board's programs send by themselves: `SEND"…"`, and what a `CMD"…"` is answered.
+//! Texts that the board's programs send: `SEND"…"`, and the answers to `CMD"…"`.
 //!
-//! One connection to `pmacd` hears them for all clients. Each client takes them one by one, when he looks for something and nothing
-//! else is there to be fetched: so a text stands behind replies, and never in one.
+//! One connection to `pmacd` receives them for all clients. A client gets the next text when it fetches and no reply
+//! waits: so a text stands behind replies, never within a reply.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -15,22 +15,22 @@ use pmac_dpram::protocol::CallError;
 
 use crate::board::Place;
 
-/// Texts that wait for the clients. Of a client who does not fetch his in time the oldest are lost.
+/// Texts kept for the clients. A client that fetches too slowly loses the oldest.
 const KEPT_MAX: usize = 64;
-/// How long until `pmacd` is asked again for the texts.
+/// How long the gateway waits before it connects to `pmacd` again.
 const AGAIN: Duration = Duration::from_secs(1);
-/// How long the board's answer is believed that its texts have a mark.
+/// How long the gateway trusts the board's last answer about the mark (I64).
 const BELIEVED: Duration = Duration::from_secs(1);
 
-/// The texts that were sent last, shared by all clients.
+/// The last texts, shared by all clients.
 #[derive(Debug, Clone, Default)]
 pub struct Texts(Arc<Mutex<Kept>>);
 
 #[derive(Debug, Default)]
 struct Kept {
-    /// Each with its number; those that `pmacd` had to drop have numbers, too.
+    /// Each text with its number; texts that `pmacd` dropped have numbers, too.
     texts: VecDeque<(u64, String)>,
-    /// The number of the next one.
+    /// The next text's number.
     end: u64,
 }
 
@@ -39,35 +39,35 @@ impl Texts {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The number of the next text that will come.
+    /// The number of the next text to come.
     #[must_use]
     pub fn end(&self) -> u64 {
         self.kept().end
     }
 
-    /// The first text from number `first` on, and its number.
+    /// The first kept text from number `first` on, with its number.
     #[must_use]
     pub fn next(&self, first: u64) -> Option<(u64, String)> {
         self.kept().texts.iter().find(|(number, _)| *number >= first).cloned()
     }
 
-    /// Keeps `text`, before which `lost` have been lost.
+    /// Keeps `text`, after `lost` lost texts.
     fn keep(&self, text: &str, lost: u64) {
         let mut kept = self.kept();
         if kept.texts.len() >= KEPT_MAX {
             kept.texts.pop_front();
         }
         let number = kept.end.saturating_add(lost);
-        // A CR would end the text, and what is behind it would be taken for a reply.
+        // A CR would end the text, and the client would take the rest for a reply.
         kept.texts.push_back((number, text.replace(|character: char| character.is_ascii_control(), "")));
         kept.end = number.saturating_add(1);
     }
 
-    /// Hears the texts of the board at `place`, for ever.
+    /// Receives the texts of the board at `place`, for ever.
     pub fn hear(&self, place: &Place) {
         let mut mark = Mark::default();
         loop {
-            // Whatever is wrong, the log has been told, or a client is told with his next line.
+            // An error here is in the log already, or the client learns it with his next line.
             if let Ok(mut messages) = place.connect().and_then(|connection| connection.messages()) {
                 self.pass_on(&mut messages, place, &mut mark);
             }
@@ -75,7 +75,7 @@ impl Texts {
         }
     }
 
-    /// Keeps what comes, until the connection ends.
+    /// Keeps the texts until the connection ends.
     fn pass_on(&self, messages: &mut Messages, place: &Place, mark: &mut Mark) {
         while !messages.ended() {
             match messages.next_within(AGAIN) {
@@ -87,19 +87,20 @@ impl Texts {
     }
 }
 
-/// Whether the board marks such texts, by I64=1. Nobody could tell one without a mark from a reply.
+/// Whether the board marks its texts (I64=1). A client could not tell an unmarked text from a reply.
 #[derive(Debug, Default)]
 struct Mark {
-    /// What the board has said last, and when.
+    /// The board's last answer, and its time.
     said: Option<(bool, Instant)>,
-    /// The log has been told that texts do not reach the clients.
+    /// The log says already that texts do not reach the clients.
     is_told: bool,
 }
 
 impl Mark {
     fn is_set(&mut self, place: &Place) -> bool {
         if self.said.is_none_or(|(_, when)| when.elapsed() >= BELIEVED) {
-            // While a program buffer is open, the question would enter it, and is refused: the last answer holds.
+            // While a program buffer is open, `pmacd` refuses the question, which would enter the buffer: the last
+            // answer holds.
             if let Some(is_set) = asked(place) {
                 self.said = Some((is_set, Instant::now()));
             }
@@ -113,10 +114,10 @@ impl Mark {
     }
 }
 
-/// What the board says; `None` if it was not asked, or has not answered.
+/// The board's answer; `None` if the gateway could not ask, or the board has not answered.
 fn asked(place: &Place) -> Option<bool> {
     match place.connect().and_then(|mut connection| connection.question("I64", deadlines::PLAIN)) {
-        // With "I64=" or "$" before it, as its I9 wants it.
+        // "I64=" or "$" may stand before the value, depending on I9.
         Ok(lines) => Some(lines.first()?.rsplit(['=', '$']).next()?.trim() == "1"),
         // Firmware before 1.16F knows no I64, and no mark.
         Err(CommandError::Refused(CallError::Board { .. })) => Some(false),

@@ -1,7 +1,7 @@
 //! Clients by UDP: a datagram is a request, and its answer is one.
 //!
-//! Each address is a client with a thread of its own, so that none waits for another's line. Who asks nothing for long loses it, and
-//! what he has open; whom he addressed and what his port is like is remembered.
+//! Each address is a client with a thread of its own, so no client waits for another's line. A client that is silent
+//! for long loses the thread and its open buffer; the gateway remembers its address words and its port's settings.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
@@ -18,53 +18,54 @@ use crate::packet::{DATA_MAX, HEADER, Packet};
 use crate::places::{Places, Taken};
 use crate::session::{Port, Rules, Session};
 
-/// The most clients.
+/// Most clients.
 pub const CLIENTS_MAX: usize = 8;
-/// Requests of a client that may wait. What comes beside them is lost, as datagrams are.
+/// Waiting requests of a client. The gateway drops further requests, as a network drops datagrams.
 const WAITING_MAX: usize = 4;
-/// How long a client keeps his thread who asks nothing, and after how long another may have it who needs it.
+/// A silent client keeps his thread for `KEPT`; after `SILENT` another client may take it.
 const KEPT: Duration = Duration::from_secs(600);
 const SILENT: Duration = Duration::from_secs(30);
-/// Clients without a thread of whom is remembered whom they addressed.
+/// How many clients without a thread the gateway remembers.
 const REMEMBERED_MAX: usize = 256;
-/// How often a client is looked after.
+/// How often the gateway looks after a client.
 const LOOK: Duration = Duration::from_secs(1);
-/// How long receiving pauses when the system refuses it.
+/// How long the gateway pauses after a failed receive.
 const PAUSE: Duration = Duration::from_millis(200);
 
-/// The clients, each by a number that is never used again: the thread of one whose place was taken may still be at work when he is
-/// back, and has another place.
+/// The clients, each under a number that is never used again: a client that lost its place may come back to another
+/// place while its first thread still runs.
 struct Clients {
     places: Places<u64, SyncSender<Packet>>,
     known: Mutex<Known>,
 }
 
-/// Who is where.
+/// The clients' numbers and memories.
 #[derive(Debug, Default)]
 struct Known {
-    /// The number of each address's last thread, while that is at work.
+    /// The number of each address's last thread, while that thread runs.
     numbers: BTreeMap<SocketAddr, u64>,
-    /// The number that was given out last.
+    /// The last number given out.
     last: u64,
-    /// Of clients without a thread.
+    /// The ports of clients without a thread.
     remembered: VecDeque<(SocketAddr, Port)>,
 }
 
 impl Known {
-    /// A number for a client who may get a place.
+    /// A new number, for a client that asks for a place.
     fn number(&mut self) -> u64 {
         self.last += 1;
         self.last
     }
 
-    /// The client at `peer` has a place by this `number`: what is remembered of him.
+    /// The client at `peer` has the place `number`: returns his remembered port.
     fn comes(&mut self, peer: SocketAddr, number: u64) -> Option<Port> {
         self.numbers.insert(peer, number);
         let at = self.remembered.iter().position(|(other, _)| *other == peer)?;
         self.remembered.remove(at).map(|(_, port)| port)
     }
 
-    /// The thread of client `number` has ended. What it knows is remembered, unless he is back, and has another.
+    /// The thread of client `number` has ended. The gateway remembers its port, unless the client has come back and has
+    /// another thread.
     fn leaves(&mut self, peer: SocketAddr, number: u64, port: Port) {
         if self.numbers.get(&peer) != Some(&number) {
             return;
@@ -83,7 +84,7 @@ impl Clients {
     }
 }
 
-/// Serves whoever sends something, for ever.
+/// Serves all clients, for ever.
 pub fn serve(socket: &Arc<UdpSocket>, rules: &Rules) {
     let clients = Arc::new(Clients { places: Places::new(CLIENTS_MAX), known: Mutex::default() });
     let mut bytes = [0; HEADER + DATA_MAX];
@@ -91,7 +92,7 @@ pub fn serve(socket: &Arc<UdpSocket>, rules: &Rules) {
         let (count, peer) = match socket.recv_from(&mut bytes) {
             Ok(received) => received,
             Err(error) => {
-                // An answer that reached nobody is told here, too.
+                // The system also reports here that an earlier answer reached nobody.
                 if error.kind() != std::io::ErrorKind::ConnectionRefused {
                     warn!("receiving: {error}");
                     thread::sleep(PAUSE);
@@ -109,7 +110,7 @@ pub fn serve(socket: &Arc<UdpSocket>, rules: &Rules) {
     }
 }
 
-/// Gives `packet` to the thread of its client.
+/// Gives `packet` to its client's thread, and starts the thread if there is none.
 fn hand_over(
     clients: &Arc<Clients>,
     socket: &Arc<UdpSocket>,
@@ -129,7 +130,7 @@ fn hand_over(
     let _ = sender.try_send(packet);
     let number = clients.known().number();
     match clients.places.take(number, sender, SILENT, Instant::now()) {
-        // The thread of the other reads that nobody sends to it any more.
+        // The other client's thread ends: its sender is gone.
         Taken::Free | Taken::InsteadOf(..) => {}
         Taken::Full => return Err(format!("{CLIENTS_MAX} clients are served already")),
     }
@@ -153,7 +154,7 @@ fn hand_over(
     started.map(drop).map_err(|error| error.to_string())
 }
 
-/// The address of this machine on the way to `peer`: the socket may listen at all of them.
+/// This machine's address towards `peer`: the socket may listen on all addresses.
 fn own_address(peer: SocketAddr) -> Option<IpAddr> {
     let any: IpAddr =
         if peer.is_ipv4() { Ipv4Addr::UNSPECIFIED.into() } else { Ipv6Addr::UNSPECIFIED.into() };
@@ -162,7 +163,7 @@ fn own_address(peer: SocketAddr) -> Option<IpAddr> {
     Some(way.local_addr().ok()?.ip())
 }
 
-/// Answers a client until he has long been silent, or why he gets no answer.
+/// Answers a client until the client has long been silent, or returns why a request gets no answer.
 fn attend(
     clients: &Clients,
     socket: &UdpSocket,
@@ -211,7 +212,7 @@ mod tests {
         let mut known = Known::default();
         let (first, second) = (known.number(), known.number());
         assert!(known.comes(peer, first).is_none());
-        // His place was taken, and he is back before the first thread has ended.
+        // Another client took his place, and he comes back before his first thread has ended.
         assert!(known.comes(peer, second).is_none());
         known.leaves(peer, first, port(3));
         assert_eq!(known.numbers.get(&peer), Some(&second));

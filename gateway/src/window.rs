@@ -1,8 +1,8 @@
-//! The words of the DPRAM that carry command lines and responses, as one client sees them.
+//! A client's own copy of the DPRAM words that carry command lines and responses.
 //!
-//! On a board they are one port for everybody. Here each client has words of his own: he writes a line and sets its flag, the gateway
-//! takes the line as the board would, and writes the responses one after the other, the next when he has cleared the word of the last
-//! (Turbo User Manual p. 422, DPRAM manual pp. 25-29).
+//! A board has one such port for all hosts. Here each client has words of his own: the client writes a line and sets
+//! its flag, and the gateway takes the line as the board would. The gateway writes the responses one by one, each after
+//! the client has cleared the control word of the one before (Turbo User Manual p. 422, DPRAM manual pp. 25-29).
 
 use std::collections::VecDeque;
 
@@ -10,15 +10,16 @@ use pmac_dpram::language::LINE_MAX;
 use pmac_dpram::map::HostOffset;
 use pmac_dpram::map::functions::{AsciiPort, RESPONSE_BYTES, response};
 
-/// Responses that wait until the client fetches them, when no further line is taken, and what control characters say is lost.
+/// Unfetched responses. Beyond this number the gateway takes no further line and drops the reports of control
+/// characters.
 const WAITING_MAX: usize = 64;
 
-/// How a line ended.
+/// The end of a line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Reply {
     /// The lines of data.
     pub(crate) lines: Vec<Vec<u8>>,
-    /// The number of the error that stands instead of the acknowledgement.
+    /// The error number in place of the acknowledgement.
     pub(crate) error: Option<u16>,
 }
 
@@ -27,9 +28,9 @@ pub(crate) struct Reply {
 pub(crate) struct Window {
     port: &'static AsciiPort,
     bytes: Vec<u8>,
-    /// The first part of a line that does not fit the buffer.
+    /// The first part of a line that is longer than the buffer.
     first_part: Vec<u8>,
-    /// Control words and texts that are not written yet.
+    /// Responses for the client not written yet: control word and text.
     waiting: VecDeque<(u16, Vec<u8>)>,
 }
 
@@ -41,12 +42,12 @@ impl Window {
         Self { port, bytes, first_part: Vec::new(), waiting: VecDeque::new() }
     }
 
-    /// The index of the byte at `offset`; behind the end or before the start, an index that no byte has.
+    /// The index of the byte at `offset`; outside the window, an index beyond the bytes.
     fn index(&self, offset: u32) -> usize {
         offset.checked_sub(self.port.command_loaded.word.bytes()).map_or(usize::MAX, |index| index as usize)
     }
 
-    /// The byte at `offset`, if it is one of the window's.
+    /// The byte at `offset`; `None` outside the window.
     pub(crate) fn byte(&mut self, offset: u32) -> Option<&mut u8> {
         let index = self.index(offset);
         self.bytes.get_mut(index)
@@ -70,7 +71,7 @@ impl Window {
         }
     }
 
-    /// The control character that the client has written, if there is one. Its word is 0 then.
+    /// Takes the client's control character, if any, and clears its word.
     pub(crate) fn take_control(&mut self) -> Option<u8> {
         let [character, _] = self.word(self.port.control_character).to_le_bytes();
         if character != 0 {
@@ -79,7 +80,8 @@ impl Window {
         (character != 0).then_some(character)
     }
 
-    /// The line whose flag the client has set; the flag is 0 then. Of a line in two parts the first gives nothing yet.
+    /// Takes the line whose flag the client has set, and clears the flag. The first part of a line in two parts gives
+    /// nothing yet.
     pub(crate) fn take_line(&mut self) -> Option<Vec<u8>> {
         let flag = self.port.command_loaded;
         let loaded = self.word(flag.word);
@@ -90,7 +92,7 @@ impl Window {
         let command = self.index(self.port.command.bytes());
         let text = self.bytes.get(command..command + self.port.command_bytes)?;
         let end = text.iter().position(|byte| *byte == 0);
-        // The last byte of a first part says only that there is more.
+        // The last byte of a first part only says that a second part follows.
         let text = text[..end.unwrap_or(text.len() - 1)].to_vec();
         let is_first = end.is_none() && self.first_part.is_empty();
         self.first_part.extend(text);
@@ -105,7 +107,7 @@ impl Window {
         Some(line)
     }
 
-    /// Has the client find `reply`, behind what waits.
+    /// Adds `reply` behind the waiting responses.
     pub(crate) fn respond(&mut self, reply: Reply) {
         self.waiting.extend(reply.lines.into_iter().map(|line| (response::LINE, line)));
         let digits = |number: u16| number / 100 % 10 * 256 + number / 10 % 10 * 16 + number % 10;
@@ -113,7 +115,7 @@ impl Window {
         self.waiting.push_back((end, Vec::new()));
     }
 
-    /// The same of what a control character has reported.
+    /// Adds the report of a control character, if it has one and there is room.
     pub(crate) fn report(&mut self, lines: Vec<String>) {
         if !lines.is_empty() && self.waiting.len() <= WAITING_MAX {
             let lines = lines.into_iter().map(String::into_bytes).collect();
@@ -121,21 +123,21 @@ impl Window {
         }
     }
 
-    /// Writes the next response, if the client has cleared the word of the last: text, count and control word.
+    /// Writes the next response, if the client has cleared the last one's control word: text, count and control word.
     pub(crate) fn put(&mut self) {
         if self.word(self.port.response_control) != 0 {
             return;
         }
         let Some((control, mut text)) = self.waiting.pop_front() else { return };
         text.truncate(RESPONSE_BYTES - 1);
-        // With its NUL.
+        // The count includes the NUL.
         text.push(0);
         self.write(self.port.response, &text);
         self.set_word(self.port.response_count, u16::try_from(text.len()).unwrap_or(u16::MAX));
         self.set_word(self.port.response_control, control);
     }
 
-    /// What `<CTRL-X>` does: nothing waits any more, and the control words are 0.
+    /// Does what `<CTRL-X>` does: drops the waiting responses and clears the control words.
     pub(crate) fn cancel(&mut self) {
         self.waiting.clear();
         self.first_part.clear();
@@ -182,7 +184,7 @@ mod tests {
             assert_eq!(window.take_line(), None);
             load(&mut window, b"P1=5\0");
             assert_eq!((window.take_line(), window.take_line()), (Some(b"P1=5".to_vec()), None));
-            // In two parts, as it does not fit the buffer; and too long a line.
+            // Longer than the buffer, so in two parts; then a line that is too long.
             load(&mut window, &[b'1'; 160]);
             assert_eq!(window.take_line(), None);
             load(&mut window, b"+2\0");
