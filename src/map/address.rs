@@ -57,7 +57,7 @@ impl fmt::Display for HostOffset {
     }
 }
 
-/// Which half of a PMAC location, or which way of reading both halves, an address names.
+/// The half of a PMAC location that an address names, or the way to read both halves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Space {
     /// `Y:` the low half; in the DPRAM one 16-bit word.
@@ -111,7 +111,7 @@ impl fmt::Display for Space {
 /// A location in the PMAC's own address space. Prints as the manual does, `X:$D009`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct PmacAddress {
-    /// Which half, or which way of reading both.
+    /// The half, or the way to read both.
     pub space: Space,
     /// The number after the `$`.
     pub number: u32,

@@ -1,11 +1,11 @@
-//! The layout of the user area ($D200-$DFFF on PMAC): the place of each buffer of variable size, and the rest for other
-//! use.
+//! The layout of the user area ($D200-$DFFF on PMAC): the place of each buffer of variable size. The site uses the
+//! rest.
 //!
 //! The host alone places the tables of the background variable functions and the binary rotary buffers, and must keep
 //! them apart (DPRAM manual p. 25). The firmware places the gather buffer at the bottom, and its length changes from
-//! one gathering to the next. So the plan goes from the top downwards: the rotary buffers, the first one on top,
-//! variable read, variable write. The room between them and the gather buffer is the user's. A setting can place each
-//! buffer elsewhere.
+//! one gathering to the next. So the plan goes from the top downwards: rotary buffers, the first one on top, then
+//! variable read, then variable write. The user has the room between them and the gather buffer. A setting can place
+//! each buffer elsewhere.
 
 use std::fmt;
 
@@ -45,7 +45,7 @@ pub struct BufferSettings {
     pub gather_longs: u32,
     /// Entries the variable-read table has room for, 0-128.
     pub variable_read_entries: u32,
-    /// Records the variable-write table has room for, 0-32; none where the family's are not written.
+    /// Records the variable-write table has room for, 0-32; 0 where `pmacd` does not use the family's function.
     pub variable_write_records: u32,
     /// Longs of the rotary buffers, the first one's first, each 0 (none) or even and at least 6. Buffers beyond the
     /// list have none. Without a list they have the family's default.
@@ -87,7 +87,7 @@ impl BufferSettings {
     }
 }
 
-/// Why the buffers cannot lie as asked.
+/// Why the buffers cannot have the places of the settings.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BufferLayoutError {
@@ -173,7 +173,8 @@ pub enum Owner {
     Fixed(&'static Region),
     /// A buffer in the user area: `gather`, `variable_read`, `variable_write`, or `rotary_1` and so on.
     Buffer(Region),
-    /// Below a gather buffer that the firmware moved: its index lies here, and no text tells the rest.
+    /// Below a gather buffer that the firmware moved: the firmware keeps its index there, and no text explains the
+    /// other words.
     Firmware(Region),
     /// The user.
     User,
@@ -190,14 +191,14 @@ impl fmt::Display for Owner {
     }
 }
 
-/// Words that are not the user's.
+/// Words that the user does not own.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NotUserArea {
     /// The words belong to a function.
     #[error("{offset} ({address}) belongs to {owner}; {user}")]
     Owned {
-        /// The first word that does.
+        /// The function's first word.
         offset: HostOffset,
         /// Its PMAC address.
         address: String,
@@ -209,12 +210,12 @@ pub enum NotUserArea {
     /// The words lie outside the DPRAM.
     #[error("{offset} lies outside the DPRAM")]
     Outside {
-        /// The first word that does.
+        /// The first word outside.
         offset: HostOffset,
     },
 }
 
-/// Where the buffers of the user area lie.
+/// The places of the buffers in the user area.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BufferLayout {
     family: &'static Family,
@@ -222,7 +223,7 @@ pub struct BufferLayout {
     gather: Region,
     variable_read: Region,
     variable_write: Region,
-    /// Beyond the board's headers: of no length.
+    /// Empty beyond the board's headers.
     rotary: [Region; ROTARY.len()],
 }
 
@@ -282,7 +283,7 @@ impl BufferLayout {
         Ok(())
     }
 
-    /// Every buffer, those of no length and the firmware's words below the gather buffer included.
+    /// Every buffer, including empty ones and the firmware's words below the gather buffer.
     fn buffers(&self) -> impl Iterator<Item = Region> {
         [self.firmware, self.gather, self.variable_read, self.variable_write].into_iter().chain(self.rotary)
     }
@@ -310,7 +311,7 @@ impl BufferLayout {
         (samples > 0).then_some(samples * sample_longs)
     }
 
-    /// Whether a gather buffer at `start`, of `longs` rounded up to whole samples, leaves the other buffers alone.
+    /// Whether a gather buffer at `start`, of `longs` rounded up to whole samples, overlaps no other buffer.
     ///
     /// # Errors
     /// [`BufferLayoutError`] with the buffer in the way.
@@ -352,8 +353,8 @@ impl BufferLayout {
         &self.rotary[..self.family.rotary.headers.len().min(ROTARY.len())]
     }
 
-    /// Checks that rotary buffer `index` (from 0) may lie at `start` with `longs` longs: in its own place, or in
-    /// unplanned room. The caller checks the DPRAM's limits.
+    /// Checks that rotary buffer `index` (from 0) may have `longs` longs at `start`: in its own place, or in unplanned
+    /// room. The caller checks the DPRAM's limits.
     ///
     /// # Errors
     /// [`NotUserArea::Owned`], which names the first word with another owner.
@@ -405,7 +406,7 @@ impl BufferLayout {
     /// Checks that all `words` words from `first` on are the user's.
     ///
     /// # Errors
-    /// [`NotUserArea`], which names the first other word, its owner and the user's regions.
+    /// [`NotUserArea`], which names the first word with another owner, that owner, and the user's regions.
     pub fn check_user_area(&self, first: HostOffset, words: usize) -> Result<(), NotUserArea> {
         let end = u64::from(first.bytes()) + 2 * words as u64;
         if end > u64::from(self.family.length) {
@@ -462,7 +463,7 @@ fn check_sizes(settings: &BufferSettings, family: &Family) -> Result<(), BufferL
     Ok(())
 }
 
-/// The names of the settings that place these buffers, and give their sizes.
+/// The names of the settings for the places and sizes of these buffers.
 fn settings_of(buffers: &[&str]) -> String {
     let of_one = |buffer: &&str| match *buffer {
         "gather" => &["gather_longs"][..],

@@ -1,4 +1,4 @@
-//! The plan: where buffers lie, what is refused, who owns a word.
+//! The plan: the buffers' places, refused settings, and the owner of each word.
 
 use proptest::prelude::*;
 
@@ -60,7 +60,7 @@ fn buffers_that_overlap_are_named_with_their_addresses() {
     }
     let huge = BufferSettings { gather_longs: u32::MAX, ..BufferSettings::default() };
     assert!(refused(huge).starts_with("gather does not fit"));
-    // What firmware keeps below a gather buffer it moved is not free either.
+    // The user does not own the firmware's words below a moved gather buffer either.
     let below = BufferSettings {
         variable_write_start: 0xD200,
         variable_write_records: 1,

@@ -5,10 +5,10 @@
 
 use super::functions::response;
 
-/// [`ERRORS`]: a program runs, which bars the command.
+/// [`ERRORS`]: a running program bars the command.
 pub const PROGRAM_RUNS: u16 = 1;
 
-/// [`ERRORS`]: the board takes the command for none of its own, or not at this place.
+/// [`ERRORS`]: the board does not know the command, or does not allow it at this place.
 pub const UNRECOGNIZED: u16 = 3;
 
 /// Every documented error number with its meaning, ascending. 18 and above are Turbo's.
@@ -68,7 +68,7 @@ mod tests {
             assert_eq!(from_control(0x8000 | digits), Some(number));
         }
         assert_eq!(from_control(0x8003), Some(3));
-        // Bits 14-12 are no digit and do not matter.
+        // Bits 14-12 belong to no digit; the host ignores them.
         assert_eq!(from_control(0xF003), Some(3));
     }
 

@@ -2,7 +2,7 @@
 
 use super::{AddressError, Family, Space, TypedAddress};
 
-/// Some bits of a place in the DPRAM.
+/// Some or all bits of a place in the DPRAM.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Field {
     /// The place.
@@ -14,14 +14,14 @@ pub struct Field {
 /// A stretch of bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 pub struct BitField {
-    /// The lowest one, from 0.
+    /// The lowest bit, from 0.
     pub offset: u32,
-    /// How many, at least 1.
+    /// How many bits, at least 1.
     pub width: u32,
 }
 
 impl BitField {
-    /// Ones where the field is.
+    /// The mask of the field.
     #[must_use]
     pub const fn mask(self) -> u32 {
         (u32::MAX >> (32 - self.width)) << self.offset
@@ -38,10 +38,10 @@ impl BitField {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FieldError {
-    /// The address is none.
+    /// The text before the comma is no address.
     #[error(transparent)]
     Address(#[from] AddressError),
-    /// The text behind the place is no offset and width.
+    /// The text after the place is no offset and width.
     #[error("{text:?}: after the address come the field's lowest bit and its width, as in Y:$D800,8,4")]
     Shape {
         /// The text.
@@ -54,10 +54,10 @@ pub enum FieldError {
         text: String,
         /// The place's space.
         space: Space,
-        /// How many it has.
+        /// How many bits the place has.
         bits: u32,
     },
-    /// A place that has no fields.
+    /// A place without bit fields.
     #[error("{text:?}: only Y:, X: and DP: have bit fields")]
     Whole {
         /// The text.

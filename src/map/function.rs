@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Function {
-    // In the best order to enable them: the port for the others' lines first; rotary buffers before a gather buffer,
-    // since a board with a gather buffer defines no rotary buffer.
+    // In the best order to enable them: the ASCII port first, for the other functions' lines; rotary buffers before a
+    // gather buffer, since a board with a gather buffer defines no rotary buffer.
     /// Command lines, control characters, and texts that programs send.
     Ascii,
     /// Control panel requests and feed rate overrides.
@@ -19,7 +19,7 @@ pub enum Function {
     Servo,
     /// Motor and coordinate-system data in the background.
     Background,
-    /// Reading and writing of chosen registers in the background.
+    /// Reading and writing of the users' registers in the background.
     Variables,
     /// Program lines in binary form.
     Rotary,
@@ -28,7 +28,7 @@ pub enum Function {
 }
 
 impl Function {
-    /// Every function, in the order in which they are best enabled.
+    /// Every function, in the best order to enable them.
     pub const ALL: [Self; 7] = [
         Self::Ascii,
         Self::Panel,
@@ -60,7 +60,7 @@ impl fmt::Display for Function {
     }
 }
 
-/// A name that no function has.
+/// An unknown function name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("there is no function {name:?}; there are {}", Function::ALL.map(Function::name).join(", "))]
 pub struct UnknownFunction {

@@ -1,7 +1,7 @@
-//! Descriptors: the place of each automatic function in a family's DPRAM, and how host and PMAC hand its words over.
+//! Descriptors: each automatic function's place in a family's DPRAM, and the handshake between host and PMAC.
 //!
 //! A function of the driver takes a descriptor and knows no address. A difference between families is a value here; a
-//! difference in the procedure itself is a small enum ([`BusyRule`]), matched in one place.
+//! difference in the handshake itself is a small enum ([`BusyRule`]), matched in one place.
 
 mod variables;
 
@@ -14,7 +14,7 @@ pub use variables::{
 use super::{HostOffset, NumberKind, PmacAddress, Region};
 use crate::format::{int24, join32};
 
-/// Bits of a DPRAM word by which one side tells the other something.
+/// Bits of a DPRAM word by which one side signals the other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Flag {
     /// The word.
@@ -52,7 +52,7 @@ impl Timer {
         }
     }
 
-    /// The timer from its words. The high one does not matter to a timer that has none.
+    /// The timer from its words. `high` is ignored for a timer without a high word.
     #[must_use]
     pub const fn value(self, low: u16, high: u16) -> u32 {
         let low = low as u32 & ((1 << self.low_bits) - 1);
@@ -118,7 +118,7 @@ pub enum BusyRule {
 }
 
 impl BusyRule {
-    /// Whether PMAC writes, by its flag.
+    /// Whether PMAC is writing, by its flag.
     #[must_use]
     pub const fn is_busy(self, flag: bool) -> bool {
         match self {
@@ -127,7 +127,7 @@ impl BusyRule {
         }
     }
 
-    /// PMAC's flag while it writes (`busy`), or when it does not.
+    /// PMAC's flag while PMAC writes (`busy`), or while it does not.
     #[must_use]
     pub const fn flag(self, busy: bool) -> bool {
         match self {
@@ -149,11 +149,11 @@ pub enum ReportStart {
 /// The copies of the words of `???` in a report: PMAC's servo report, a Turbo board's background report.
 #[derive(Debug, PartialEq, Eq)]
 pub struct GlobalStatus {
-    /// Where those of the first and of the second word lie.
+    /// The places of the first and of the second word.
     pub longs: [HostOffset; 2],
     /// In the second word: a motion, rotary or PLC buffer is open for text, so that a command line is a program line.
     pub program_buffer_open: u32,
-    /// In the first word: data are gathered.
+    /// In the first word: the board gathers data.
     pub gathering: u32,
 }
 
@@ -169,7 +169,7 @@ impl GlobalStatus {
         Some([long(first)?, long(second)?])
     }
 
-    /// What these words say of the whole board.
+    /// The facts about the whole board in these words.
     #[must_use]
     pub const fn whole_board(&self, [first, second]: [u32; 2]) -> WholeBoard {
         WholeBoard {
@@ -179,7 +179,7 @@ impl GlobalStatus {
     }
 }
 
-/// What a report says of the whole board.
+/// A report's facts about the whole board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WholeBoard {
     /// A program buffer is open.
@@ -206,13 +206,13 @@ pub struct ServoBlock {
     /// Which motors PMAC copies: 32 bits, Y half first, bit 0 for motor 1. `None`: motors 1 to
     /// [`IVariables::reported`].
     pub mask: Option<HostOffset>,
-    /// Words of the board that are read with every update.
+    /// Words of the board that the host reads with every update.
     pub global: Run,
     /// The copies of the words of `???`; `None` where the report has none.
     pub global_status: Option<GlobalStatus>,
     /// In the first motor's block: the motor's loop is open, as after a kill.
     pub open_loop: Flag,
-    /// There: the motor is activated. Never set in words that are not read.
+    /// There: the motor is activated. Clear in an image without that word.
     pub activated: Flag,
     /// There: its desired velocity is zero.
     pub standing: Flag,
@@ -239,7 +239,7 @@ impl ServoBlock {
 pub struct BackgroundBlock {
     /// The whole report.
     pub region: Region,
-    /// PMAC sets it when a report is whole; the host clears the word to have another.
+    /// PMAC sets it when a report is whole; the host clears the word to ask for another.
     pub ready: Flag,
     /// Set by the host: PMAC skips its updates.
     pub host_busy: Option<Flag>,
@@ -247,7 +247,7 @@ pub struct BackgroundBlock {
     pub count: Option<HostOffset>,
     /// The servo timer when the data became ready.
     pub timer: Timer,
-    /// Words of the board that are read with every report.
+    /// Words of the board that the host reads with every report.
     pub global: Run,
     /// The longs with the board's ports: JPAN, JTHW and JOPTO.
     pub ports: [HostOffset; 3],
@@ -337,7 +337,7 @@ pub mod response {
     pub const ERROR: u16 = 1 << 15;
 }
 
-/// How a table's place is written into its header's start word.
+/// How the start word of a header gives a table's place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StartRule {
     /// A place.
@@ -347,13 +347,13 @@ pub struct StartRule {
 }
 
 impl StartRule {
-    /// The start word of a table at `offset`, which does not lie below [`StartRule::from`].
+    /// The start word of a table at `offset`, which must not lie below [`StartRule::from`].
     #[must_use]
     pub const fn start_word(self, offset: HostOffset) -> u16 {
         self.word.wrapping_add((offset.words_since(self.from) / 2) as u16)
     }
 
-    /// The place of the table with this start word; `None` before [`StartRule::from`].
+    /// The place of the table with this start word; `None` for a place before [`StartRule::from`].
     #[must_use]
     pub const fn offset(self, word: u16) -> Option<HostOffset> {
         match word.checked_sub(self.word) {
@@ -363,8 +363,9 @@ impl StartRule {
     }
 }
 
-/// Opens the rotary buffers for binary lines and for no text: an on-line line is executed at once, any other is an error (Software
-/// Reference p. 271). An old board answers it with an error; [`OPEN_TEXT`] lets binary lines in there, too.
+/// Opens the rotary buffers for binary lines only: the board executes an on-line line at once and answers any other
+/// line with an error (Software Reference p. 271). An old board does not know the command; [`OPEN_TEXT`] lets binary
+/// lines in there, too.
 pub const OPEN_BINARY: &str = "OPEN BINARY ROTARY";
 /// Opens the rotary buffers for text, and on a PMAC for binary lines (Software Reference p. 273).
 pub const OPEN_TEXT: &str = "OPEN ROT";
@@ -374,25 +375,25 @@ pub const OPEN_TEXT: &str = "OPEN ROT";
 pub struct RotaryHeaders {
     /// Where each header begins.
     pub headers: &'static [HostOffset],
-    /// The first header belongs to coordinate system 1, and so on; otherwise each belongs to the system in its word.
+    /// The first header belongs to coordinate system 1, and so on; otherwise each header names its system in a word.
     pub one_a_system: bool,
     /// The bit of the second word of `???` that says that [`OPEN_BINARY`] is in force.
     pub binary_open: u32,
     /// HOME and HOMEZ have a bit for each of the motors 1 to this one.
     pub home_motors: u16,
-    /// Longs of the DPRAM that are kept for each buffer unless the settings say otherwise.
+    /// Longs of the DPRAM for each buffer, unless the settings say otherwise.
     pub kept_longs: &'static [u32],
 }
 
 impl RotaryHeaders {
-    /// Which header a program for coordinate system `number`, from 1, is put into: its own, or the first.
+    /// The index of the header that takes a program for coordinate system `number`, from 1: its own, or the first.
     #[must_use]
     pub fn index_for(&self, number: usize) -> usize {
         if self.one_a_system { number.saturating_sub(1) } else { 0 }
     }
 }
 
-/// Where the words of a rotary header lie, in 16-bit words from its start. The same in every family.
+/// The places of the words of a rotary header, in 16-bit words from its start. The same in every family.
 pub mod rotary_header {
     /// Bits 7-0 error code, [`BUSY`], [`ERROR`].
     pub const STATUS: usize = 0;
@@ -408,7 +409,7 @@ pub mod rotary_header {
     pub const START: usize = 5;
     /// In a status word: the internal rotary buffer is full.
     pub const BUSY: u16 = 1 << 14;
-    /// In a status word: error; bits 7-0 tell which.
+    /// In a status word: error; bits 7-0 are its code.
     pub const ERROR: u16 = 1 << 15;
 }
 
@@ -494,7 +495,7 @@ pub struct IVariables {
     pub background_period: Option<u16>,
     /// The base of the one DPRAM that serves all functions, on a board with several. `None`: the board has one.
     pub dpram_base: Option<u16>,
-    /// Set to 1, has the servo report made in the background, and switches [`IVariables::servo_enable`] off.
+    /// If 1, PMAC makes the servo report in the background, and [`IVariables::servo_enable`] has no effect.
     pub servo_in_background: Option<u16>,
     /// Enable of both variable tables.
     pub variables_enable: u16,
@@ -520,8 +521,8 @@ pub struct IVariables {
 const GATHER_MASK_BITS: usize = 24;
 
 impl IVariables {
-    /// Ix07, Ix08, Ix09 and Ix60: the scales of a motor's master position, positions and velocities, and by how many servo
-    /// cycles its own is longer.
+    /// Ix07, Ix08, Ix09 and Ix60: the scales of a motor's master position, positions and velocities, and by how many
+    /// servo cycles the motor's own cycle is longer.
     pub const SCALES: [usize; 4] = [7, 8, 9, 60];
 
     /// Variable `which` (0-99) of `motor` (from 1): Ix08 of motor 3 is 308.

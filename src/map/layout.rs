@@ -1,5 +1,5 @@
-//! A family's register table as one board has it: expanded over motors and coordinate systems, with gathering where
-//! its firmware keeps it.
+//! A family's register table for one board: expanded over motors and coordinate systems, with gathering at its
+//! firmware's place.
 
 use serde::Serialize;
 
@@ -15,7 +15,7 @@ pub struct Layout {
 /// A register of one number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Entry {
-    /// The table's block it comes from.
+    /// The table's block that it comes from.
     pub block: &'static Block,
     /// The table's row.
     pub register: &'static Register,
@@ -44,7 +44,7 @@ pub struct MapRecord {
     pub space: &'static str,
     /// How its bits are to be read.
     pub format: &'static str,
-    /// How sure this is, `H`, `M` or `L`; without it, the board's own DPRAM manual says it.
+    /// How sure the entry is, `H`, `M` or `L`; without it, the board's own DPRAM manual says it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub confidence: Option<&'static str>,
 }
@@ -127,7 +127,7 @@ impl Entry {
         self.offset.bytes() <= offset.bytes() && offset.bytes() < self.offset.bytes() + length
     }
 
-    /// The registers it is a copy of.
+    /// The PMAC registers that it copies.
     #[must_use]
     pub fn source(&self, family: &Family) -> SourceAt {
         family.source(self.register.source, self.number.unwrap_or(1))

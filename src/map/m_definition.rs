@@ -1,4 +1,4 @@
-//! Where an M-variable points, in any of the spellings that one definition has (Software Reference p. 253).
+//! The place that an M-variable points to, in any spelling of its definition (Software Reference p. 253).
 
 use super::{Space, number};
 
@@ -10,7 +10,7 @@ const THUMBWHEEL_ARGUMENTS: usize = 3;
 /// The definition of an M-variable.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum MDefinition {
-    /// `*`: nowhere; the variable keeps its value itself.
+    /// `*`: nowhere; the variable itself holds its value.
     Nowhere,
     /// Bits of an X or Y word: `X:$C003,8,16,S`, `Y:$FFC2,0`, `X:$C001,24`.
     Field {
@@ -20,14 +20,14 @@ pub enum MDefinition {
         address: u32,
         /// The lowest bit.
         offset: u32,
-        /// How many.
+        /// How many bits.
         width: u32,
-        /// The bits' reading; `U` without one.
+        /// How to read the bits; `U` if the definition says nothing.
         format: char,
     },
     /// A whole register: `D:$28`, `L:$1000`, `F:$D210`, `DP:$D200`.
     Register {
-        /// How it is read.
+        /// The space, which says how to read it.
         space: Space,
         /// Its address.
         address: u32,
@@ -36,9 +36,9 @@ pub enum MDefinition {
     Thumbwheel {
         /// `B`, `D`, `R` or `S`.
         kind: char,
-        /// The numbers behind.
+        /// The numbers after the colon.
         arguments: [Option<f64>; THUMBWHEEL_ARGUMENTS],
-        /// The bits' reading; `U` without one.
+        /// How to read the bits; `U` if the definition says nothing.
         format: char,
     },
 }
@@ -72,7 +72,7 @@ impl MDefinition {
     }
 }
 
-/// How a field is read, by the letter behind it.
+/// The letter after a field that says how to read it.
 fn format(text: Option<&str>) -> Option<char> {
     match text {
         None => Some('U'),

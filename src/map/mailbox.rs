@@ -4,5 +4,5 @@
 pub const LENGTH: usize = 0x200;
 /// Mailboxes; mailbox k is the byte at base + 2 k + 1.
 pub const MAILBOXES: usize = 16;
-/// The page register: bits A19-A14 of the DPRAM's VME address, to be written after every reset.
+/// The page register: bits A19-A14 of the DPRAM's VME address. The host writes it after every reset.
 pub const PAGE_SELECT: usize = 0x121;

@@ -14,7 +14,7 @@ macro_rules! set_of_numbers {
         impl $name {
             /// No number.
             pub const NONE: Self = Self(0);
-            /// All that a family can have, and more than some have.
+            /// All numbers up to the largest that any family has.
             pub const ALL: Self = Self(u32::MAX);
 
             /// The set of one number, from 1. A number beyond 32 gives the empty set, 0 too.
@@ -83,7 +83,7 @@ macro_rules! set_of_numbers {
                 Self(self.0 & other.0)
             }
 
-            /// The numbers that `other` has not.
+            /// The numbers of this set that are not in `other`.
             #[must_use]
             pub const fn without(self, other: Self) -> Self {
                 Self(self.0 & !other.0)

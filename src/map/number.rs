@@ -27,11 +27,12 @@ pub fn parse(text: &str) -> Result<u32, BadNumber> {
     u32::from_str_radix(digits, radix).map_err(|_| bad())
 }
 
-/// How far the number in a listing may lie from the number that was set: boards list nine or ten decimals, of at most eleven digits.
+/// How far the number in a listing may lie from the set number: boards list nine or ten decimals, of at most eleven
+/// digits.
 const LISTED_WITHIN: f64 = 6e-10;
 const LISTED_SHARE: f64 = 1e-10;
 
-/// Whether a board that gets one number may list the other. Whole numbers are listed unchanged.
+/// Whether a board that was set to one number may list the other. A board lists whole numbers unchanged.
 #[must_use]
 pub fn same_when_listed(one: f64, other: f64) -> bool {
     let is_whole = one.fract() == 0.0 && other.fract() == 0.0;

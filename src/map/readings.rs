@@ -1,12 +1,13 @@
-//! The one question about a board that no text decides and no guess may: a wrong one would move the machine elsewhere.
+//! The one question about a board that no text answers and nobody may guess: a wrong guess would move the machine to
+//! another place.
 //!
-//! The table `[readings]` of the daemon's configuration answers it. `docs/evidence.md` has this question, and all
-//! others with the driver's reading.
+//! The table `[readings]` of the daemon's configuration answers it. `docs/evidence.md` has this question, and every
+//! other uncertain format with the driver's reading.
 
 use serde::{Deserialize, Serialize};
 
 /// The place of CODE2 of ABS, INC and FRAX in word 1 of a binary rotary command (DPRAM manual p. 33, diagrams B and C).
-/// A wrong guess takes an INC for an ABS: the machine moves elsewhere.
+/// With a wrong guess an INC acts as an ABS: the machine moves to another place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RotaryCode2 {
@@ -17,7 +18,7 @@ pub enum RotaryCode2 {
 }
 
 impl RotaryCode2 {
-    /// Both, the likelier first, in the words of the configuration.
+    /// Both places, the likelier first, by their names in the configuration.
     pub const ALL: [(Self, &str); 2] = [(Self::Bit16, "bit16"), (Self::Bit12, "bit12")];
 
     /// The lowest bit of the field.

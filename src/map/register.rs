@@ -1,4 +1,4 @@
-//! A register of PMAC's own memory, to be gathered, watched or written in the background.
+//! A register of PMAC's own memory: to gather, to watch, or to write in the background.
 
 use std::fmt;
 use std::str::FromStr;
@@ -28,7 +28,7 @@ pub struct BadRegister {
     pub text: String,
     /// The last address.
     pub last: u32,
-    /// The space exists in the DPRAM alone.
+    /// The space exists only in the DPRAM.
     pub in_dpram: bool,
 }
 
@@ -93,7 +93,7 @@ impl PmacRegister {
         }
     }
 
-    /// As a gather source's I-variable holds it: the address, and in bits 23-22 how to read it: 0 Y, 1 X, 2 D, 3 L.
+    /// The form in a gather source's I-variable: the address, and in bits 23-22 how to read it: 0 Y, 1 X, 2 D, 3 L.
     #[must_use]
     pub const fn gather_code(self) -> u32 {
         let space = match self.address.space {

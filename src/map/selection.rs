@@ -1,14 +1,14 @@
-//! The part of a report that the daemon reads: the same words of each block, and some of the blocks.
+//! The part of a report that the daemon reads: the same words of each block, for some of the blocks.
 //!
-//! The servo and the background report each have one block a motor (or coordinate system), one behind the other. Bus
-//! accesses are the cost on real hardware, so the daemon can leave words out. An unread word is not 0 but unknown: the
-//! selection goes with the words to their decoder.
+//! The servo and the background report each have a block for each motor (or coordinate system), one behind the other.
+//! Bus accesses are the cost on real hardware, so the daemon can leave words out. An unread word is not 0 but unknown:
+//! the decoder gets the selection with the words.
 
 use std::ops::Range;
 
 use super::{Family, Register};
 
-/// The words of a block, and the numbers, that are read.
+/// The words of each block, and the blocks, that the daemon reads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Selection {
     words: u64,
@@ -22,7 +22,7 @@ impl Default for Selection {
 }
 
 impl Selection {
-    /// Everything is read.
+    /// The daemon reads everything.
     pub const ALL: Self = Self { words: u64::MAX, numbers: u64::MAX };
 
     /// Selects in each block the words of `fields`, 16 bits each, from the block's start, and the blocks of `numbers`,
@@ -56,26 +56,26 @@ impl Selection {
         (!self.words, !self.numbers)
     }
 
-    /// Whether word `word` of a block, and the `count - 1` behind it, are read.
+    /// Whether the daemon reads word `word` of a block and the `count - 1` words behind it.
     #[must_use]
     pub fn has_words(self, word: usize, count: usize) -> bool {
         (word..word + count).all(|word| bit(word).is_some_and(|bit| self.words & bit != 0))
     }
 
-    /// Whether the block of `number`, from 1, is read.
+    /// Whether the daemon reads the block of `number`, from 1.
     #[must_use]
     pub fn has_number(self, number: usize) -> bool {
         number.checked_sub(1).and_then(bit).is_some_and(|bit| self.numbers & bit != 0)
     }
 
-    /// Which of the first `count` numbers, at most 32, are read: bit k-1 for number k.
+    /// The numbers among the first `count`, at most 32, whose blocks the daemon reads: bit k-1 for number k.
     #[must_use]
     pub const fn mask(self, count: usize) -> u32 {
         let all = if count < 32 { (1 << count) - 1 } else { u32::MAX };
         self.numbers as u32 & all
     }
 
-    /// The number of blocks, of the first `count`, up to the last one that is read.
+    /// The number of blocks, of the first `count`, up to the last block that the daemon reads.
     #[must_use]
     pub fn last_number(self, count: usize) -> usize {
         (1..=count).rev().find(|number| self.has_number(*number)).unwrap_or(0)

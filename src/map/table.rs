@@ -6,7 +6,7 @@ use std::fmt;
 
 use super::{HostOffset, PmacAddress};
 
-/// The numbers in a record count these.
+/// The owners that a record's numbers count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum NumberKind {
     /// A motor.
@@ -28,7 +28,7 @@ pub enum Width {
     Pair,
 }
 
-/// How a register's bits are to be read.
+/// How to read a register's bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Format {
     /// No documented content.
@@ -57,13 +57,13 @@ pub enum Format {
     Ascii,
     /// An absolute PMAC address.
     Address,
-    /// Gathered samples, as the gather mask has them.
+    /// Gathered samples; the gather mask says which.
     Gather,
     /// Separate bits of both halves of a location.
     Bits32,
     /// A Turbo board's place in its user area, in longs from $060450.
     StartOffset,
-    /// Whatever its user puts there.
+    /// Words of the site's own.
     Any,
 }
 
@@ -93,14 +93,14 @@ impl Format {
     }
 }
 
-/// How sure the table's entry for a register is.
+/// How sure an entry of the table is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Confidence {
-    /// A manual's page says it, or two sources that do not know of each other.
+    /// A page of a manual says it, or two independent sources.
     High,
     /// One good source says it: a driver in production, or the vendor's own headers.
     Medium,
-    /// Worked out, or carried over from PMAC. Try it before you rely on it.
+    /// Worked out, or taken over from PMAC. Try it before you rely on it.
     Low,
 }
 
@@ -123,9 +123,9 @@ pub enum Writer {
     Host,
     /// PMAC alone.
     Pmac,
-    /// The host sets it, PMAC clears it when it has acted.
+    /// The host sets it, PMAC clears it after acting.
     HostSetsPmacClears,
-    /// PMAC sets it, the host clears it when it has read.
+    /// PMAC sets it, the host clears it after reading.
     PmacSetsHostClears,
     /// No documented writer.
     Nobody,
@@ -143,7 +143,7 @@ impl fmt::Display for Writer {
     }
 }
 
-/// Some bits of a register that have a meaning, and a writer, of their own.
+/// Bits of a register with a meaning and a writer of their own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bits {
     /// The highest bit.
@@ -166,7 +166,7 @@ impl Bits {
     }
 }
 
-/// Which PMAC register a DPRAM register is a copy of, for number 1.
+/// The PMAC register that a DPRAM register copies, for number 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
     /// Not a copy, or not documented.
@@ -218,7 +218,7 @@ pub struct Register {
     pub length: u32,
     /// How much of a PMAC location it takes.
     pub width: Width,
-    /// How its bits are to be read.
+    /// How to read its bits.
     pub format: Format,
     /// The unit of its value, in PMAC's own words; empty without one.
     pub units: &'static str,
@@ -232,7 +232,7 @@ pub struct Register {
     pub source: Source,
     /// A note for a reader of the manual.
     pub note: &'static str,
-    /// How sure all of this is; `None` where the board's own DPRAM manual says it.
+    /// How sure the row is; `None` where the board's own DPRAM manual says it.
     pub confidence: Option<Confidence>,
 }
 

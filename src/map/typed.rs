@@ -5,7 +5,7 @@ use super::{Family, HostOffset, PmacAddress, Space};
 /// A place in the DPRAM and how to read it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct TypedAddress {
-    /// Which half, or which way of reading more. A host offset gives `Y` or `X`, the half it falls on.
+    /// The half, or the way to read more. A host offset gives `Y` or `X`, the half that holds the offset.
     pub space: Space,
     /// The first word.
     pub offset: HostOffset,
@@ -67,7 +67,7 @@ impl TypedAddress {
         let (space, number) = split_space(text).ok_or_else(|| shape(text, family))?;
         let number = match number.strip_prefix(':') {
             Some(number) => number,
-            // Without a colon only a number makes an address of a letter; "foo" is none of F.
+            // Without a colon only a number makes an address of a letter; "foo" is no `F` address.
             None if number.starts_with(|c: char| c == '$' || c.is_ascii_digit()) => number,
             None => return Err(shape(text, family)),
         };
@@ -93,7 +93,7 @@ impl TypedAddress {
     }
 }
 
-/// A hint for `text`, a wrong address, if a shell may have taken its number: a shell turns `Y:$D001` without quotes
+/// A hint for `text`, a wrong address whose number a shell may have removed: a shell turns `Y:$D001` without quotes
 /// into `Y:`.
 pub(super) fn quote_hint(text: &str) -> &'static str {
     if text.contains(':') && !text.contains('$') {

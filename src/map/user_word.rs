@@ -1,4 +1,4 @@
-//! Words of the DPRAM that the site's own programs write, as the configuration names them.
+//! Words of the DPRAM that the site's own programs write, under the names of the configuration.
 
 use super::{BitField, HostOffset, Space, TypedAddress};
 use crate::format::Text;
@@ -9,10 +9,10 @@ pub const USER_NAME_BYTES: usize = 32;
 pub const USER_UNIT_BYTES: usize = 16;
 /// Most words that have a name.
 pub const USER_WORDS: usize = 64;
-/// 16-bit words that all of them may take together: no more than a servo report of eight motors takes.
+/// 16-bit words of all values together at most: no more than a servo report of eight motors takes.
 pub const USER_DATA_WORDS: usize = 256;
 
-/// A value, or several of one kind in a row, under one name.
+/// A value, or several of one kind in a row, with one name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct UserWord {
     /// Its name.
@@ -21,13 +21,13 @@ pub struct UserWord {
     pub unit: Text<USER_UNIT_BYTES>,
     /// The first value's place.
     pub location: TypedAddress,
-    /// The bits of a value, if not all.
+    /// The bits of a value, unless a value has all bits.
     pub bits: Option<BitField>,
     /// Whether the highest of these bits is the sign.
     pub signed: bool,
-    /// How many values, each one PMAC address (of `D` and `L` two) behind the value before.
+    /// How many values. Each is one PMAC address (with `D` and `L` two) behind the value before.
     pub count: usize,
-    /// The word that the site's program makes odd before it writes and even behind that.
+    /// The guard: the site's program makes this word odd before it writes the values, and even afterwards.
     pub guard: Option<HostOffset>,
 }
 
@@ -38,7 +38,7 @@ impl UserWord {
         self.location.space.words() * self.count
     }
 
-    /// The place of value `index`. A PMAC address has two 16-bit words, of which X and Y are one each.
+    /// The place of value `index`. A PMAC address has two 16-bit words; X and Y are one of them each.
     #[must_use]
     pub const fn place(&self, index: usize) -> HostOffset {
         let step = match self.location.space {

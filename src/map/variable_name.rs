@@ -1,8 +1,8 @@
 //! The names for the background variable functions: a register, or a function block of a compiled PLC.
 //!
-//! A function block is two words, and has a number instead of an address: type 4 of an entry of the read table, types 4 (Y word)
-//! and 6 (X word) of a record to write, with firmware 1.16 (DPRAM manual p. 23 and 25). It is written `PLCC:7`, and its
-//! words `PLCC:Y:7` and `PLCC:X:7`.
+//! A function block is two words, and has a number instead of an address: type 4 of an entry of the read table, types 4
+//! (Y word) and 6 (X word) of a record to write, with firmware 1.16 (DPRAM manual p. 23 and 25). Its name is `PLCC:7`,
+//! and its words are `PLCC:Y:7` and `PLCC:X:7`.
 
 use std::fmt;
 use std::str::FromStr;
@@ -99,7 +99,7 @@ impl VariableName {
         Ok(Self::Block { number, word })
     }
 
-    /// Its kind in the read table. A word of a function block is read with its block.
+    /// Its kind in the read table. PMAC reads a function block's word only with its block.
     #[must_use]
     pub const fn kind(self) -> VariableKind {
         match self {

@@ -1,4 +1,4 @@
-//! Which function uses a word of the DPRAM, and where a definition of an M-variable points.
+//! The function that uses a word of the DPRAM, and the place that an M-variable points to.
 
 use super::functions::rotary_header;
 use super::{AddressError, BufferLayout, Family, Function, Generation, HostOffset, Owner, TypedAddress};
@@ -47,7 +47,7 @@ pub const fn m_variables(family: &Family) -> u16 {
     }
 }
 
-/// Where an M-variable points, as the board tells it.
+/// The place that an M-variable points to, by the board's answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Definition {
     /// To this place in the DPRAM.
@@ -56,9 +56,9 @@ pub enum Definition {
     Elsewhere,
 }
 
-/// Where M-variable `number` of a board of `family` points by `text`, the board's line about it: `X:$060100,0,16,S`,
-/// `DP:$060080`, `*`, or, while I9 is odd, `M11->Y:$FFC2,0` (Software Reference p. 253). `None` when the line does not tell:
-/// it is another variable's, or no definition.
+/// The place of M-variable `number` of a board of `family` by `text`, the board's line about it: `X:$060100,0,16,S`,
+/// `DP:$060080`, `*`, or, while I9 is odd, `M11->Y:$FFC2,0` (Software Reference p. 253). `None` for another variable's
+/// line, or a text without a definition.
 #[must_use]
 pub fn definition(text: &str, number: u16, family: &Family) -> Option<Definition> {
     let text = match text.split_once("->") {

@@ -14,7 +14,7 @@ pub struct OtherFamily {
 }
 
 impl OtherFamily {
-    /// Whether the same words belong to other functions on the board that answers.
+    /// Whether the two families use the same words for different functions.
     #[must_use]
     pub fn is_laid_out_otherwise(&self) -> bool {
         self.taken.generation != self.says.generation
@@ -54,7 +54,7 @@ pub fn lacks_dpram(answer: &str) -> bool {
 }
 
 impl Family {
-    /// The family that `TYPE` refines this one to: which board of its generation it is.
+    /// The member of this family's generation that `TYPE` names; without one, this family.
     #[must_use]
     pub fn told_by_type(&'static self, answer: &str) -> &'static Self {
         Self::of_type(answer).filter(|told| told.generation == self.generation).unwrap_or(self)
@@ -67,7 +67,7 @@ impl Family {
         Some(OtherFamily { taken: self, says })
     }
 
-    /// The family that an answer to `TYPE` names (Software Reference p. 286); `None` for a text that is not known.
+    /// The family that an answer to `TYPE` names (Software Reference p. 286); `None` for an unknown text.
     #[must_use]
     pub fn of_type(answer: &str) -> Option<&'static Self> {
         // An Ultralite (`PMACUL`, `TURBOU`) is a PMAC2 without its own axes.

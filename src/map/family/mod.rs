@@ -70,13 +70,13 @@ pub struct Family {
     pub system_source_stride: u32,
     /// The default of I10, the servo period in 1/8388608 ms.
     pub default_i10: u32,
-    /// The functions that `pmacd` uses on boards of the family; the others it leaves alone.
+    /// The functions that `pmacd` uses on boards of the family.
     pub functions: &'static [Function],
     /// The numbers of the I-variables that govern the functions.
     pub i: IVariables,
     /// The DPRAM's regions, ascending, without a gap.
     pub regions: &'static [Region],
-    /// Free for buffers of variable size and other use.
+    /// The part of the DPRAM for buffers of variable size and the site's use.
     pub user_area: Region,
     /// The register table, ascending.
     pub blocks: &'static [Block],
@@ -102,9 +102,9 @@ pub struct Family {
     pub rotary: RotaryHeaders,
     /// Data gathering as printed.
     pub gather: GatherPlace,
-    /// The first firmware that moves the gather buffer and its index; `None` where none does.
+    /// The first firmware that moves the gather buffer and its index; `None` if no firmware does.
     pub gather_moved_since: Option<Firmware>,
-    /// By how many bytes they move it.
+    /// The number of bytes by which that firmware moves them.
     pub gather_shift: u32,
     /// The first firmware whose variable functions know the function blocks of compiled PLCs; `None` without a text
     /// about them.
@@ -191,7 +191,7 @@ const fn turbo_family(
         servo: turbo::SERVO_BLOCK,
         background: turbo::BACKGROUND_REPORT,
         ascii: turbo::ASCII,
-        // The words have a place, but no text names a firmware that acts on them, or a switch for them.
+        // The words have a place, but no text names a firmware that acts on them, or a variable that switches them on.
         panel: None,
         host_port,
         start: turbo::START,
@@ -206,7 +206,7 @@ const fn turbo_family(
 }
 
 const fn turbo_of(length: u32) -> Family {
-    // No text seen tells the interrupt controllers; these are the boards' before the Turbo processor was put on them.
+    // No known text describes the interrupt controllers; these are those of the same boards with the older processor.
     turbo_family("turbo", "Turbo PMAC", 3, 3_713_707, Controller::Pic8259, length)
 }
 
@@ -222,7 +222,7 @@ pub static PMAC2: Family = pmac_family("pmac2", "PMAC2", 2, 3_713_991, Controlle
 pub static TURBO: Family = turbo_of(turbo::LENGTH_8K);
 /// Turbo PMAC2, UMAC Turbo and QMAC, which come with 32K x 16 bits (Turbo User Manual p. 397).
 pub static TURBO2: Family = turbo2_of(turbo::LENGTH_32K);
-/// The families this version knows, each with the DPRAM it comes with.
+/// The families that this version knows, each with its usual DPRAM.
 pub static FAMILIES: &[&Family] = &[&PMAC, &PMAC2, &TURBO, &TURBO2];
 /// Families with a DPRAM of another size: I24 can name one on an accessory board (Turbo User Manual p. 45).
 static OTHER_LENGTHS: &[&Family] = &[&TURBO_32K, &TURBO2_8K];
@@ -240,7 +240,7 @@ pub const CPU_OPTIONS: [&str; 8] = ["5C0", "5C3", "5D0", "5D3", "5E0", "5E3", "5
 /// The family of a board without a configured one.
 pub static DEFAULT_FAMILY: &Family = &PMAC;
 
-/// A family name that is not known.
+/// An unknown family name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UnknownFamily {
     /// The requested name.
@@ -257,13 +257,13 @@ impl fmt::Display for UnknownFamily {
 impl std::error::Error for UnknownFamily {}
 
 impl Family {
-    /// Whether the PMAC address is certainly memory, so that a read has no effect on hardware.
+    /// Whether the PMAC address is certainly memory: reading it affects no hardware.
     #[must_use]
     pub const fn is_memory(&self, address: u32) -> bool {
         address < self.memory_end || (self.base <= address && address - self.base < self.length / 4)
     }
 
-    /// Whether command lines or responses lie at the PMAC address, in either half.
+    /// Whether the PMAC address holds a command line or a response, in either half.
     #[must_use]
     pub fn holds_text(&self, address: u32) -> bool {
         self.host_offset(Space::Y, address).is_some_and(|offset| self.ascii.has_text_in(offset, 2))
@@ -272,7 +272,7 @@ impl Family {
     /// The family called `name` (`pmac`, `pmac2`, `turbo`, `turbo2`; capitals do not matter).
     ///
     /// # Errors
-    /// [`UnknownFamily`], which lists the names there are.
+    /// [`UnknownFamily`], which lists the known names.
     pub fn by_name(name: &str) -> Result<&'static Self, UnknownFamily> {
         let family = FAMILIES.iter().copied().find(|family| family.name.eq_ignore_ascii_case(name));
         family.ok_or_else(|| UnknownFamily { name: name.to_owned() })
@@ -324,7 +324,7 @@ impl Family {
         Some(PmacAddress::new(space, first + stride))
     }
 
-    /// The registers that `source` is a copy of for `number`, which counts from 1.
+    /// The PMAC registers whose copy for `number` (from 1) is `source`.
     #[must_use]
     pub fn source(&self, source: Source, number: usize) -> SourceAt {
         let step = |address: PmacAddress, stride: u32| {
@@ -341,8 +341,8 @@ impl Family {
         }
     }
 
-    /// The setting that makes the board use the DPRAM of its bus, `I24=$60000`, where it may use another (Turbo User Manual
-    /// p. 45).
+    /// The setting that makes the board use the DPRAM of its bus, `I24=$60000`, if the board could use another (Turbo
+    /// User Manual p. 45).
     #[must_use]
     pub fn dpram_setting(&self) -> Option<String> {
         self.i.dpram_base.map(|variable| format!("I{variable}=${:X}", self.base))
@@ -360,7 +360,7 @@ impl Family {
         self.base + offset.bytes() / 4
     }
 
-    /// `Y` or `X`: the half of its location that the word at `offset` is.
+    /// `Y` or `X`: the half of its location that holds the word at `offset`.
     #[must_use]
     pub const fn half(&self, offset: HostOffset) -> Space {
         if offset.bytes().is_multiple_of(4) { Space::Y } else { Space::X }

@@ -126,8 +126,8 @@ pub const BACKGROUND_BLOCK_STRIDE: u32 = 0x7C;
 /// 16-bit words in a background block.
 pub const BACKGROUND_BLOCK_WORDS: usize = BACKGROUND_BLOCK_STRIDE as usize / 2;
 
-/// In [`BACKGROUND_DATA_READY`] and, in single-user mode, in [`VARIABLE_READ_CONTROL`]: PMAC sets it after an
-/// update, the host clears it to have another.
+/// In [`BACKGROUND_DATA_READY`] and, in single-user mode, in [`VARIABLE_READ_CONTROL`]: PMAC sets it after an update,
+/// the host clears it to ask for another.
 pub const DATA_READY: u16 = 1 << 0;
 
 /// Where the background data of a number lie, in 16-bit words from the start of its block.
@@ -170,11 +170,12 @@ pub const ASCII_OUTPUT_CONTROL: HostOffset = at(0x062C);
 pub const ASCII_CONTROL_CHARACTER: HostOffset = at(0x062E);
 /// The command line, [`ASCII_COMMAND_BYTES`] bytes with the NUL.
 pub const ASCII_COMMAND: HostOffset = at(0x0630);
-/// The buffer's size; a complete line of one byte less ends with a NUL in the last byte, 0x06CF.
+/// The buffer's size. A line of one byte less is complete and ends with a NUL in the last byte, 0x06CF.
 pub const ASCII_COMMAND_BYTES: usize = 160;
 /// Characters of the longest line PMAC takes, sent in two parts.
 pub const ASCII_LINE_LIMIT: usize = 200;
-/// PMAC's mark in the response buffer: 0 nothing, else one of [`crate::map::functions::response`]. The host writes 0.
+/// PMAC's mark in the response buffer: 0 for none, else a value of [`crate::map::functions::response`]. The host writes
+/// 0.
 pub const ASCII_INPUT_CONTROL: HostOffset = at(0x06D0);
 /// Characters in the response buffer, the NUL included.
 pub const ASCII_INPUT_COUNT: HostOffset = at(0x06D2);
@@ -187,7 +188,7 @@ pub const ASCII_RESPONSE_BYTES: usize = 256;
 pub const COMMAND_LOADED: u16 = 1 << 0;
 // ---- background variable write (p. 24-25) ----
 
-/// Records to write, 1-32; the host sets it, PMAC writes 0 when it has done them. Misprinted as 0x07E6.
+/// Records to write, 1-32. The host sets it; PMAC writes 0 after the writes. Misprinted as 0x07E6.
 pub const VARIABLE_WRITE_COUNT: HostOffset = at(0x07D4);
 /// PMAC address of the first record, $D200-$DFFD. Misprinted as 0x07E8.
 pub const VARIABLE_WRITE_START: HostOffset = at(0x07D6);

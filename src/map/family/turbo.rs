@@ -2,7 +2,7 @@
 //!
 //! The addresses stand only here; the descriptors below and the register table (`turbo_table`) are built from them. TUM
 //! is the Turbo PMAC User Manual, TSRM the Turbo Software Reference. A line says so if its only source is a public
-//! driver or header, or if it is as on PMAC because no text tells.
+//! driver or header, or if the value is PMAC's for want of a text.
 
 use crate::map::functions::{
     AsciiPort, BackgroundBlock, Blocks, BusyRule, Flag, GlobalStatus, IVariables, ReportStart, RotaryHeaders,
@@ -16,8 +16,8 @@ pub const BASE: u32 = 0x06_0000;
 pub const LENGTH_8K: u32 = 0x4000;
 /// 32K x 16 bits, the option of Turbo PMAC2, UMAC and QMAC boards (TUM p. 397), in bytes.
 pub const LENGTH_32K: u32 = 0x1_0000;
-/// No text tells where the gate arrays begin; everything below this is memory (the motors' and coordinate systems'
-/// registers, TSRM p. 284-290), and there is more.
+/// No text says where the gate arrays begin. Everything below this is memory: the motors' and coordinate systems'
+/// registers (TSRM p. 284-290) and more.
 pub const MEMORY_END: u32 = 0x1_0000;
 /// Motors (TUM p. 403: a mask of 32 bits).
 pub const MOTORS: usize = 32;
@@ -175,9 +175,10 @@ pub const ASCII_CONTROL_CHARACTER: HostOffset = at(0x0E9E);
 pub const ASCII_COMMAND: HostOffset = at(0x0EA0);
 /// The buffer's size.
 pub const ASCII_COMMAND_BYTES: usize = 160;
-/// Characters of the longest line PMAC takes, sent in two parts. No Turbo text seen tells; as on PMAC.
+/// Characters of the longest line PMAC takes, sent in two parts. PMAC's value: no Turbo text gives it.
 pub const ASCII_LINE_LIMIT: usize = 200;
-/// PMAC's mark in the response buffer: 0 nothing, else one of [`crate::map::functions::response`]. The host writes 0.
+/// PMAC's mark in the response buffer: 0 for none, else a value of [`crate::map::functions::response`]. The host writes
+/// 0.
 pub const ASCII_INPUT_CONTROL: HostOffset = at(0x0F40);
 /// Characters in the response buffer, the NUL included.
 pub const ASCII_INPUT_COUNT: HostOffset = at(0x0F42);
@@ -202,7 +203,7 @@ pub const VARIABLE_READ_START: HostOffset = at(0x104A);
 pub const VARIABLE_READ_READY: u16 = 1 << 0;
 /// In [`VARIABLE_READ_CONTROL`]: every entry has its own ready bit.
 pub const VARIABLE_READ_MULTI_USER: u16 = 1 << 8;
-/// Records to write, 1-32; the host sets it, PMAC writes 0 when it has done them.
+/// Records to write, 1-32. The host sets it; PMAC writes 0 after the writes.
 pub const VARIABLE_WRITE_COUNT: HostOffset = at(0x104C);
 /// Where the records lie, from [`USER_START`], in longs.
 pub const VARIABLE_WRITE_START: HostOffset = at(0x104E);
@@ -306,8 +307,8 @@ pub const ASCII: AsciiPort = AsciiPort {
 /// The start words of tables count from $060450 (TUM p. 410; a driver in production writes $F0 for $060540).
 pub const START: StartRule = StartRule { from: USER_START, word: 0 };
 
-/// Background variable read: the kind in bits 5-4 of the X word (a driver in production). TUM p. 410 puts address bits
-/// 18-16 into this word, without bit numbers.
+/// Background variable read: the kind in bits 5-4 of the X word (a driver in production). TUM p. 410 also puts address
+/// bits 18-16 into this word, without bit numbers.
 pub const VARIABLE_READ: VariableRead = VariableRead {
     ready: Flag { word: VARIABLE_READ_CONTROL, mask: VARIABLE_READ_READY },
     multi_user: Flag { word: VARIABLE_READ_CONTROL, mask: VARIABLE_READ_MULTI_USER },
@@ -317,8 +318,8 @@ pub const VARIABLE_READ: VariableRead = VariableRead {
     kind_bit: 4,
 };
 
-/// Background variable write. TUM p. 410 says that the type word holds kind, width, offset and the high address bits, not
-/// where.
+/// Background variable write. TUM p. 410 says that the type word holds kind, width, offset and the high address bits,
+/// but gives no bit numbers.
 pub const VARIABLE_WRITE: VariableWrite =
     VariableWrite { count: VARIABLE_WRITE_COUNT, start: VARIABLE_WRITE_START, since: None };
 
@@ -333,8 +334,8 @@ const HEADERS: [HostOffset; SYSTEMS] = {
 };
 
 /// The binary rotary buffers, one a coordinate system, each with `kept_longs` unless the settings say otherwise. `???`
-/// has a bit for binary and one for text entry (TSRM p. 290). No text tells a difference of the commands' words from
-/// PMAC's; a word has a bit for 24 motors, so HOME can name no other.
+/// has a bit for binary and one for text entry (TSRM p. 290). No text describes command words that differ from PMAC's;
+/// a word has a bit for 24 motors, so HOME can name no other.
 const fn rotary_buffers(kept_longs: &'static [u32]) -> RotaryHeaders {
     RotaryHeaders { headers: &HEADERS, one_a_system: true, binary_open: 1 << 20, home_motors: 24, kept_longs }
 }
@@ -357,8 +358,8 @@ pub const FUNCTIONS: &[Function] = &[
     Function::Gather,
 ];
 
-/// The I-variables of the functions (TUM p. 400-410; gathering TSRM p. 170-171). A control panel has none that is known, nor
-/// has the transfer of rotary buffers.
+/// The I-variables of the functions (TUM p. 400-410; gathering TSRM p. 170-171). No known variable enables the control
+/// panel or the transfer of rotary buffers.
 pub const I_VARIABLES: IVariables = IVariables {
     panel: None,
     segmentation: None,

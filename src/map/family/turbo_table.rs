@@ -92,7 +92,7 @@ const PANEL_RESERVED: &[Register] =
         .note("too small for the panel words of 32 motors")
         .sure(Medium)];
 
-/// The words at a report's begin, but for the first: who holds the other off, and the time of the copy.
+/// The first words of a report, but for the very first: each side's hold on the other, and the time of the copy.
 macro_rules! handover {
     ($function:literal, $host:expr, $timer:expr, $pmac:expr) => {
         [

@@ -1,10 +1,10 @@
-//! The tables of the background variable functions: where they lie, and how an entry and a record are made up.
+//! The tables of the background variable functions: their places, and the form of an entry and a record.
 
 use super::Flag;
 use crate::map::HostOffset;
 
 /// A register's kind in an entry of the variable tables. This is not a [`Space`](crate::map::Space): the tables do not
-/// tell `D:` from `L:`, and know function blocks, which are no registers.
+/// tell `D:` from `L:`, and also take function blocks, which are no registers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum VariableKind {
@@ -55,7 +55,7 @@ impl VariableKind {
 /// Background variable read: registers of the host's choice.
 #[derive(Debug, PartialEq, Eq)]
 pub struct VariableRead {
-    /// In the control word, single-user mode: PMAC sets it after an update, the host clears it to have another.
+    /// In the control word, single-user mode: PMAC sets it after an update, the host clears it to ask for another.
     pub ready: Flag,
     /// In the control word: every entry has its own ready bit.
     pub multi_user: Flag,
@@ -70,7 +70,7 @@ pub struct VariableRead {
 }
 
 impl VariableRead {
-    /// The registers below this address can be read: an entry has 16 bits for it that a text gives a place.
+    /// The host can read registers below this address: known texts give 16 bits of the entry to the address.
     pub const ADDRESSES: u32 = 1 << 16;
 
     /// The host's bits of the X word of an entry of this kind.
@@ -86,7 +86,7 @@ impl VariableRead {
         word & ((0b1000 << self.kind_bit) - 1)
     }
 
-    /// The kind's code in an X word; with bits below it, a code that is none.
+    /// The kind's code in an X word; if the bits below it are set, a code of no kind.
     #[must_use]
     pub const fn kind_code(&self, word: u16) -> u16 {
         self.of_host(word).rotate_right(self.kind_bit)
@@ -97,17 +97,17 @@ impl VariableRead {
 pub const VARIABLE_READ_ENTRIES: usize = 128;
 /// 16-bit words of an entry.
 pub const VARIABLE_READ_ENTRY_WORDS: usize = 2;
-/// In an entry's X word, in multi-user mode: PMAC sets it after an update, the host clears it to have another.
+/// In an entry's X word, in multi-user mode: PMAC sets it after an update, the host clears it to ask for another.
 pub const VARIABLE_READ_ENTRY_READY: u16 = 1 << 15;
 
 /// Background variable write.
 #[derive(Debug, PartialEq, Eq)]
 pub struct VariableWrite {
-    /// Records to write; the host sets it, PMAC writes 0 when it has done them.
+    /// Records to write. The host sets it; PMAC writes 0 after the writes.
     pub count: HostOffset,
     /// Where the records lie, by the [`StartRule`](super::StartRule).
     pub start: HostOffset,
-    /// The first firmware that has the function as a text describes it; `None` where no text does: nothing is written.
+    /// The first firmware with the function as a text describes it; `None` without a text: the host writes nothing.
     pub since: Option<&'static str>,
 }
 

@@ -242,7 +242,7 @@ mod tests {
             ]
         );
         assert_eq!(named(second, &PMAC.coordinate_system[1]), ["in_position", "pvt_or_spline_mode"]);
-        // The example's combination is one of the two that no list of modes has.
+        // No list of modes has the example's combination.
         assert_eq!(MotionMode::of(second), None);
     }
 
