@@ -67,7 +67,7 @@ impl Cursor {
         self.next
     }
 
-    /// How many samples it lost, exactly.
+    /// How many samples it has lost, exactly.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.lost

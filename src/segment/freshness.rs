@@ -1,5 +1,5 @@
-//! The one rule for which data are live. `mirror`, [`super::Subscriber`] and [`crate::client`] all use it. The layout
-//! page states it in words, under "Old or fresh".
+//! The one rule that tells live data from old. `mirror`, [`super::Subscriber`] and [`crate::client`] all use it. The
+//! layout page states it in words, under "Old or fresh".
 
 use std::fmt;
 
@@ -10,8 +10,8 @@ use super::sample::Stamp;
 /// Data are old after this many periods without an update.
 const PERIODS: u64 = 10;
 
-/// A time further ahead of now than this is by another clock, so it tells no age: `pmacd` runs in another time namespace, or was
-/// restored from a checkpoint.
+/// A time further ahead of now than this comes from another clock, so it tells no age: `pmacd` runs in another time
+/// namespace, or was restored from a checkpoint.
 const AHEAD_NS: u64 = 1_000_000_000;
 
 /// The age limit of a region that expects an update every `period_ns`: ten periods, at least `least_ns`. All in
@@ -36,23 +36,23 @@ const fn is_ahead(time_ns: u64, now_ns: u64) -> bool {
 /// Why data are not live. The text says what the user can do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Staleness {
-    /// The daemon stopped or was killed, and no other runs in its place.
+    /// The daemon has stopped or was killed, and no other daemon has taken its place.
     DaemonGone,
     /// The daemon's heartbeat has stopped.
     DaemonStopped {
         /// Time since the last heartbeat, in nanoseconds.
         silent_ns: u64,
     },
-    /// Heartbeat or sample are by another clock than this program's.
+    /// The heartbeat or the sample comes from another clock than this program's.
     OtherClock {
-        /// How far they are ahead of now, in nanoseconds.
+        /// How far the time is ahead of now, in nanoseconds.
         ahead_ns: u64,
     },
     /// The daemon is still identifying its board.
     Starting,
-    /// The daemon runs and the board does not answer.
+    /// The daemon runs, but the board does not answer.
     BoardSilent,
-    /// The daemon does not mirror these data: the board's function is off.
+    /// The daemon does not mirror these data: it does not use the board's function.
     Off,
     /// The board has stopped updating these data.
     NoUpdates {
@@ -64,7 +64,7 @@ pub enum Staleness {
 }
 
 impl Staleness {
-    /// Why nothing in the segment is live at `now_ns`; `None` when it depends on the region.
+    /// Why no region of the segment is live at `now_ns`; `None` if that depends on the region.
     #[must_use]
     pub fn of_segment(condition: Condition, header: &HeaderInfo, now_ns: u64) -> Option<Self> {
         match condition {

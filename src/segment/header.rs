@@ -1,7 +1,7 @@
 //! Checks a header before anything uses it.
 //!
-//! Works on a private copy read with `pread`. So a truncated file is an error and never a fault, and nothing can change
-//! between check and use.
+//! Works on a private copy read with `pread`. So a truncated file is an error, not a fault, and no process can change
+//! the header between check and use.
 
 use std::fmt::Display;
 use std::fs::File;
@@ -16,7 +16,7 @@ use super::ring::Ring;
 /// Longest header that this version reads, in bytes: far more than 64 region entries need.
 pub(super) const MAX_HEADER: usize = 64 * 1024;
 
-/// Where everything is, with every bound checked against the object's size.
+/// The place of every part, with each bound checked against the object's size.
 #[derive(Debug)]
 pub(super) struct Geometry {
     pub(super) total_length: usize,

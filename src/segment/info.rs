@@ -74,7 +74,7 @@ pub struct HeaderInfo {
     pub total_length: usize,
     /// The clock of every time in it.
     pub clock: ClockKind,
-    /// The state that the owner wrote; [`super::Subscriber::condition`] says whether to believe it.
+    /// The state that the owner wrote; [`super::Subscriber::condition`] says whether it still holds.
     pub state: State,
     /// Distinguishes this segment from earlier and later ones of the same name.
     pub generation: u64,
@@ -92,6 +92,6 @@ pub struct HeaderInfo {
     pub beats: u64,
     /// CLOCK_REALTIME minus the segment's clock, in ns.
     pub realtime_offset_ns: i64,
-    /// When that was measured, in ns of the segment's clock.
+    /// The time of that measurement, in ns of the segment's clock.
     pub realtime_taken_ns: u64,
 }

@@ -1,8 +1,8 @@
-//! Sees that the names of a segment and of its lock lead to their owner's files, and makes missing files again.
+//! Keeps the names of a segment and of its lock on their owner's files, and makes missing files again.
 //!
-//! Any process of the same user may remove, rename or replace them, as Python's `SharedMemory` does at its end; so may
-//! a logout (RemoveIPC) and a file system that is mounted over the directory. A file without a name cannot get one
-//! again. So the keeper makes a new file that continues the old one: same generation, same samples under the same
+//! Any process of the same user may remove, rename or replace the files, as Python's `SharedMemory` does at its end; so
+//! may a logout (RemoveIPC) and a file system mounted over the directory. A file that has lost its name cannot get a
+//! new one. So the keeper makes a new file that continues the old one: same generation, same samples under the same
 //! numbers. The keeper copies the bulk; the publishing thread copies the later words, and goes on in the new file. Then
 //! the new file gets the name, and the keeper marks the old one dead, so that its readers attach again.
 
@@ -24,11 +24,11 @@ use super::{SegmentError, header};
 /// How long the writer may take to move: several heartbeats.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// Where the keeper leaves a new file for the writer, and the writer the old one for the keeper.
+/// The place where the keeper leaves a new file for the writer, and the writer the old file for the keeper.
 #[derive(Default)]
 pub(super) struct Handover {
     object: Mutex<Option<Object>>,
-    /// Whether that is a new one.
+    /// Whether the file is the keeper's new one.
     is_offered: AtomicBool,
     taken: Condvar,
 }
@@ -50,7 +50,7 @@ impl Handover {
         }
     }
 
-    /// The keeper's part: offers `new`, and returns the old one; `None` when the writer does not take it in time.
+    /// The keeper's part: offers `new`, and returns the old file; `None` if the writer does not take `new` in time.
     fn offer(&self, new: Object) -> Option<Object> {
         let mut place = self.object.lock().unwrap_or_else(PoisonError::into_inner);
         *place = Some(new);
@@ -68,7 +68,7 @@ pub struct Keeper {
     options: CreateOptions,
     placement: Placement,
     path: PathBuf,
-    /// The file to which the name shall lead.
+    /// The file that the name must lead to.
     file: File,
     handover: Arc<Handover>,
     lock: Arc<Mutex<NameLock>>,
@@ -98,7 +98,7 @@ impl Keeper {
         }
         let path = &self.path;
         match retire(path) {
-            // We hold this name's lock, so the segment has another name, which stays.
+            // This process holds the lock of the name, so the segment in the way has another name, which stays.
             Err(SegmentError::InUse { .. }) if lock::is_linked(path) => {
                 log::warn!("replacing {}, another name of a segment that lives", path.display());
             }
@@ -135,11 +135,11 @@ impl Keeper {
     }
 }
 
-/// Gives `newborn`, in which the publishing thread goes on, its name; none if that thread has ended it meanwhile, when it had no name to
-/// remove.
+/// Gives its name to `newborn`, in which the publishing thread goes on. If that thread has ended the segment meanwhile,
+/// the thread found no name to remove: then this removes the name again.
 fn put_in_place(newborn: Newborn<'_>, path: &Path, file: &File) -> io::Result<()> {
     newborn.put_at(path)?;
-    // Looked at behind that: a thread that ends the segment later finds the name itself.
+    // The state is read after the name exists: a thread that ends the segment later finds the name itself.
     let (words, _) = header::read(file)?;
     if words.get(AT_STATE / WORD) == Some(&(State::Dead as u64)) {
         remove_name(path, file);

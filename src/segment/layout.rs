@@ -1,4 +1,4 @@
-//! Layout version 1 of the segment: the numbers of the page below. The page is the truth; a test compares these with
+//! Layout version 1 of the segment: the numbers of the page below. The page decides; a test compares these numbers with
 //! it.
 #![doc = include_str!("../../docs/segment.md")]
 
@@ -14,7 +14,7 @@ pub const ABI_MINOR: u64 = 4;
 pub const BYTE_ORDER: u64 = 0x0102_0304_0506_0708;
 /// Bytes of a word, the unit of every access.
 pub const WORD: usize = 8;
-/// Alignment of everything that one side writes and the other reads, in bytes.
+/// Alignment in bytes of everything that one side writes and the other reads.
 pub const LINE: usize = 64;
 
 /// Words of a cache line.
@@ -155,7 +155,7 @@ pub enum ClockKind {
     /// CLOCK_MONOTONIC of the machine.
     #[default]
     Monotonic = 1,
-    /// The segment's own: its writer stores the time, from 0 on. For simulations and replays.
+    /// The segment's own: its writer stores the time, starting at 0. For simulations and replays.
     Own = 2,
 }
 
@@ -219,11 +219,11 @@ pub enum RegionId {
     Board = 3,
     /// Control panel: the board's words unchanged.
     Panel = 4,
-    /// Registers of the user's choice: [`super::payload::variable`].
+    /// Registers of the users' choice: [`super::payload::variable`].
     Variable = 5,
     /// Gathered samples: [`super::payload::gather`].
     Gather = 6,
-    /// Words of the site's own: [`super::payload::user`].
+    /// The site's own words: [`super::payload::user`].
     User = 7,
     /// Their names, formats and units: [`super::payload::user`].
     UserTable = 8,

@@ -1,4 +1,4 @@
-//! Who owns a name, and who may replace a dead owner's files.
+//! The owner of a name, and the processes that may replace a dead owner's files.
 //!
 //! There are two open-file-description locks; the kernel releases them when the owner dies, however it dies. The lock
 //! on `<name>.lock` (mode 0600, so that no client can take it) keeps a second daemon away. The lock on the segment
@@ -16,7 +16,7 @@ use nix::unistd::{User, geteuid};
 
 use super::SegmentError;
 
-/// Follow no link, do not block on a named pipe, pass nothing to child programs.
+/// Follow no link, do not block on a named pipe, close in child programs.
 const OPEN_FLAGS: i32 = libc::O_CLOEXEC | libc::O_NOFOLLOW | libc::O_NONBLOCK;
 
 /// Opens an existing file, never creates one.
@@ -38,7 +38,8 @@ pub(super) fn try_hold(file: &File) -> io::Result<bool> {
     }
 }
 
-/// Whether another holds the write lock on `file`. Changes nothing, needs no write permission, costs one system call.
+/// Whether another process holds the write lock on `file`. Changes nothing, needs no write permission, costs one system
+/// call.
 pub(super) fn is_held(file: &File) -> io::Result<bool> {
     kernel_asked();
     let mut probe = whole_file(libc::F_RDLCK);
@@ -88,7 +89,7 @@ impl FileId {
     }
 }
 
-/// The file at `path`; `None` when the kernel does not say. One system call.
+/// The file at `path`; `None` if the kernel does not say. One system call.
 pub(crate) fn file_at(path: &Path) -> Option<FileId> {
     kernel_asked();
     path.symlink_metadata().ok().as_ref().map(FileId::of)
@@ -145,7 +146,7 @@ impl NameLock {
             if leads_to(&path, &file) {
                 let there = file.metadata().map_err(SegmentError::io("inspect", &path))?;
                 if there.nlink() > 1 {
-                    // Another process linked one of our files to this name: remove only the link.
+                    // Another process linked one of this user's files to this name: remove only the link.
                     std::fs::remove_file(&path).map_err(SegmentError::io("remove the link", &path))?;
                     continue;
                 }
@@ -161,7 +162,7 @@ impl NameLock {
         Err(SegmentError::InUse { path, pid: None })
     }
 
-    /// Whether its name still leads to it.
+    /// Whether the name still leads to it.
     pub(super) fn is_in_place(&self) -> bool {
         leads_to(&self.path, &self.file)
     }

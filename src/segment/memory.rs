@@ -22,11 +22,12 @@ use super::layout::{LINE_WORDS, WORD};
 use super::ring::{Words, WordsMut};
 use super::wide_copy::WideCopy;
 
-/// The line and exit status for an access to mapped memory that is gone.
+/// The line and exit status for an access to mapped memory that has vanished.
 static ON_BUS_ERROR: OnceLock<(&str, u8)> = OnceLock::new();
 
-/// From now on an access to mapped memory that is gone, as after a truncation of the segment, ends this process with
-/// `line` on stderr and exit status `status`, in place of a core. For programs, at their start: the first call counts.
+/// From now on an access to mapped memory that has vanished, as after a truncation of the segment, ends this process
+/// with `line` on stderr and exit status `status`, instead of a core dump. For programs, at their start: the first call
+/// counts.
 ///
 /// # Errors
 /// The system refuses the signal's handler.
@@ -61,7 +62,7 @@ pub(super) struct ReadMap {
 pub(super) struct WriteMap(ReadMap);
 
 impl ReadMap {
-    /// Maps the first `length` bytes of `file`, which must be that long and stay so.
+    /// Maps the first `length` bytes of `file`. The file must have that length and keep it.
     pub(super) fn new(file: &File, length: usize) -> io::Result<Self> {
         let map = MmapOptions::new().len(length).populate().map_raw_read_only(file)?;
         Ok(Self { map, words: length / WORD, copy: WideCopy::detect() })
@@ -96,7 +97,7 @@ impl ReadMap {
     }
 
     /// Sleeps until the low half of the word at `index` differs from `seen`, a writer wakes it, or CLOCK_MONOTONIC
-    /// reaches `deadline_ns`. May also return without a reason: check again.
+    /// reaches `deadline_ns`. May also return without any of these: check again.
     pub(super) fn wait(&self, index: usize, seen: u64, deadline_ns: u64) {
         let deadline = libc::timespec {
             tv_sec: (deadline_ns / 1_000_000_000) as libc::time_t,
@@ -153,14 +154,14 @@ impl Words for ReadMap {
 }
 
 impl WriteMap {
-    /// Maps the first `length` bytes of `file` for writing, with all pages present at once. The file must be that long
-    /// and stay so, with its memory allocated.
+    /// Maps the first `length` bytes of `file` for writing, with all pages present at once. The file must have that
+    /// length and keep it, with its memory allocated.
     pub(super) fn new(file: &File, length: usize) -> io::Result<Self> {
         let map = MmapOptions::new().len(length).populate().map_raw(file)?;
         Ok(Self(ReadMap { map, words: length / WORD, copy: WideCopy::detect() }))
     }
 
-    /// Keeps its pages in memory, where this process may: as the daemon's other pages, which it locks at its start.
+    /// Locks its pages in memory, if this process may: the daemon locks its other pages at its start.
     pub(super) fn lock(&self) {
         let _ = self.0.map.lock();
     }

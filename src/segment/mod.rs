@@ -1,9 +1,9 @@
 //! The shared-memory segment (layer 4): how a daemon publishes its mirror and how clients read it.
 //!
-//! One writer, any number of readers, which map the segment read-only and exchange no messages with the daemon. Each
-//! region is a ring of slots with a sequence number per slot. So a writer stopped or killed in mid-write never blocks a
-//! reader, reads are bounded, and a reader that keeps up misses nothing; a slower one knows exactly how many samples it
-//! lost.
+//! One writer serves any number of readers. They map the segment read-only and exchange no messages with the daemon.
+//! Each region is a ring of slots with a sequence number per slot. So a writer stopped or killed in mid-write never
+//! blocks a reader, reads are bounded, and a reader that keeps up misses nothing; a slower reader knows exactly how
+//! many samples it lost.
 //!
 //! | file | what it holds |
 //! |---|---|
@@ -47,7 +47,7 @@ mod sample;
 pub mod subscribe;
 mod wide_copy;
 
-/// CLOCK_MONOTONIC in ns: a segment's clock, unless it has its own ([`ClockKind::Own`]).
+/// CLOCK_MONOTONIC in ns: the clock of a segment, unless the segment has its own ([`ClockKind::Own`]).
 pub use crate::clock::monotonic_ns;
 pub use counter::Counter;
 pub use cursor::Cursor;
@@ -70,7 +70,7 @@ pub use region_reader::Read;
 pub use sample::{Sample, Stamp};
 pub use subscribe::{Subscriber, WaitOutcome};
 
-/// The directory of segments, unless a test chooses another: that of POSIX shared-memory objects.
+/// The directory of segments, that of POSIX shared-memory objects. A test may use another.
 pub const DIRECTORY: &str = "/dev/shm";
 
 /// Errors of a segment. Every message says what is wrong, where, and what to do.
@@ -108,7 +108,7 @@ pub enum SegmentError {
         /// Its owner.
         uid: u32,
     },
-    /// Something is in the way that this program did not make.
+    /// Another program made the object in the way.
     #[error("{} is in the way: {why}. It is left alone: move it away, or choose another --name", path.display())]
     Occupied {
         /// The object in the way.
@@ -116,7 +116,7 @@ pub enum SegmentError {
         /// Why it is not replaced.
         why: &'static str,
     },
-    /// Users other than its owner may write to the object.
+    /// Other users may write to the object.
     #[error("{} can be written by others than its owner (mode {mode:03o}); it must not be: chmod go-w", path.display())]
     WritableByOthers {
         /// The object.
@@ -160,7 +160,7 @@ pub enum SegmentError {
         /// The kernel's error.
         source: io::Error,
     },
-    /// The object is no segment, or is truncated, or its header contradicts itself.
+    /// The object is no segment, is truncated, or has a header that contradicts itself.
     #[error("{} is not a usable segment: {why}; restart pmacd", path.display())]
     Malformed {
         /// The object.
@@ -168,7 +168,7 @@ pub enum SegmentError {
         /// The fault.
         why: String,
     },
-    /// The segment was written by a daemon of another ABI version.
+    /// A daemon of another ABI version wrote the segment.
     #[error(
         "{} has layout version {found}, this program reads version {}; use programs of one release",
         path.display(), layout::ABI_MAJOR
@@ -194,7 +194,7 @@ pub enum SegmentError {
         /// Number of attempts.
         attempts: u32,
     },
-    /// No publisher writes such a slot.
+    /// A slot that no publisher writes.
     #[error("sample {sequence} of the {} region is corrupt; restart pmacd", region.name())]
     Corrupt {
         /// The region.
@@ -202,12 +202,12 @@ pub enum SegmentError {
         /// The sample's number.
         sequence: u64,
     },
-    /// A cursor was used with a segment that it was not made for.
+    /// A cursor met another segment than its own.
     #[error("the cursor belongs to generation {cursor} of the segment, not to {segment}; make a new one")]
     OtherGeneration {
-        /// The generation the cursor was made for.
+        /// The cursor's generation.
         cursor: u64,
-        /// The generation it was used with.
+        /// The segment's generation.
         segment: u64,
     },
 }

@@ -1,7 +1,7 @@
 //! The names of segments.
 //!
 //! A name is a plain file name, so that it works in `/dev/shm`, in `/run/pmacd` and as a unit's instance name alike.
-//! The leading slash of POSIX shared-memory names is optional and dropped.
+//! The leading slash of POSIX shared-memory names is optional and is dropped.
 
 use std::ffi::OsStr;
 use std::fmt;
@@ -57,7 +57,7 @@ impl SegmentName {
         directory.join(format!(".{}.{random:016x}.new", self.0))
     }
 
-    /// Whether [`Self::temporary`] makes this name.
+    /// Whether `file_name` has the form of [`Self::temporary`].
     pub(super) fn is_temporary(&self, file_name: &OsStr) -> bool {
         let random =
             |text: &str| Some(text.strip_prefix(&format!(".{}.", self.0))?.strip_suffix(".new")?.len());

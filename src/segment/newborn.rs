@@ -1,7 +1,7 @@
 //! A segment's file before it gets its name.
 //!
-//! Every user may create files in the directory of segments, and could take a predictable name. So the unfinished file
-//! has no name, or an unpredictable one.
+//! Every user may create files in the directory of segments, and could take a predictable name first. So the unfinished
+//! file has no name, or an unpredictable one.
 
 use std::fs::{File, OpenOptions};
 use std::hash::{BuildHasher, RandomState};
@@ -17,7 +17,7 @@ use nix::unistd::linkat;
 use super::{SegmentName, lock};
 use crate::process::path_of;
 
-/// Most random names to try. A taken one is no accident, so trying for ever would not help.
+/// Most random names to try. A random name is never taken by accident, so trying for ever would not help.
 const TRIES: u32 = 16;
 
 /// A file without its final name. Dropping it removes its random name, if it has one.
@@ -56,7 +56,7 @@ impl<'a> Newborn<'a> {
         &self.file
     }
 
-    /// Puts the completed file at `path`, in place of the present one.
+    /// Puts the completed file at `path`, in place of the file there.
     pub(super) fn put_at(mut self, path: &Path) -> io::Result<()> {
         let temporary = match self.temporary.take() {
             Some(temporary) => temporary,
@@ -93,7 +93,7 @@ fn at_random_name<T>(
 ) -> io::Result<(PathBuf, T)> {
     let mut tries = 1;
     loop {
-        // Its keys are random, and so is every hash.
+        // The hasher's keys are random, and so is every hash.
         let path = name.temporary(directory, RandomState::new().hash_one(tries));
         match make(&path) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists && tries < TRIES => tries += 1,

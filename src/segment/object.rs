@@ -1,4 +1,4 @@
-//! A segment's file, mapped for writing: made complete, and ended.
+//! A segment's file, mapped for writing: creates it, and ends it.
 
 use std::fs::{File, Permissions};
 use std::io;
@@ -21,11 +21,12 @@ pub(super) struct Object {
 }
 
 impl Object {
-    /// Makes a file of `length` zeros without its name, which the caller must own. It is the caller's to fill and to put in place.
+    /// Makes a file of `length` zeros, still without the segment's name, which the caller must own. The caller fills
+    /// the file and puts it in place.
     pub(super) fn make(options: &CreateOptions, length: usize) -> Result<(Newborn<'_>, Self), SegmentError> {
         let path = options.name.object(&options.directory);
         let fail = |what| SegmentError::io(what, &path);
-        // We own the name, so a process that made a file with one of its temporary names is dead.
+        // This process owns the name, so a process that made a file with one of its temporary names is dead.
         clear_leftovers(&options.name, &options.directory);
         let newborn = Newborn::create(&options.name, &options.directory).map_err(fail("create"))?;
         let file = newborn.file().try_clone().map_err(fail("create"))?;
@@ -47,7 +48,7 @@ impl Object {
         Ok((newborn, Self { map, file }))
     }
 
-    /// Marks the segment dead, and wakes everyone who waits for a sample of `rings`.
+    /// Marks the segment dead, and wakes every reader that waits for a sample of `rings`.
     pub(super) fn end(&self, rings: impl Iterator<Item = Ring>) {
         self.map.store_release(AT_STATE / WORD, State::Dead as u64);
         rings.for_each(|ring| {
@@ -66,7 +67,7 @@ pub(super) fn remove_name(path: &Path, file: &File) {
 }
 
 /// Marks the segment that a dead owner left at `path` as dead, so that its readers notice, and returns its generation
-/// (0: there was none). It stays until it is replaced, so that the name always exists.
+/// (0: there was none). The file stays until a new segment replaces it, so that the name always exists.
 pub(super) fn retire(path: &Path) -> Result<u64, SegmentError> {
     if !lock::check_replaceable(path)? {
         return Ok(0);
@@ -86,7 +87,7 @@ pub(super) fn retire(path: &Path) -> Result<u64, SegmentError> {
         };
     }
     let Ok(geometry) = Geometry::parse(&words, length) else {
-        // No reader can be attached to a malformed segment.
+        // A malformed segment has no readers.
         return Ok(0);
     };
     let word = |offset: usize| words[offset / WORD];
@@ -112,7 +113,7 @@ pub(super) fn retire(path: &Path) -> Result<u64, SegmentError> {
     Ok(word(AT_GENERATION))
 }
 
-/// A longer file of zeros is no segment of ours: reading it would take seconds.
+/// A longer file of zeros counts as another program's: reading it would take seconds.
 const LONGEST_BLANK: u64 = 1 << 28;
 
 /// Whether a file holds nothing but zeros, or nothing at all.

@@ -81,11 +81,11 @@ impl ClockKind {
     }
 }
 
-/// Where everything goes.
+/// The place of everything.
 pub(super) struct Placement {
     pub(super) header_length: usize,
     pub(super) total_length: usize,
-    /// Each with the offset of its entry and its ring.
+    /// Each region with the offset of its entry and its ring.
     pub(super) regions: Vec<(RegionSpec, usize, Ring)>,
 }
 

@@ -94,8 +94,8 @@ impl Publisher {
         Keeper::new(self.options.clone(), file, Arc::clone(&self.handover), Arc::clone(&self.lock))
     }
 
-    /// Goes on in the file that the [`Keeper`] has made in the place of this one, if it has: the same segment, every number goes
-    /// on. Allocates nothing and never waits; to be called at each heartbeat.
+    /// Goes on in the file that the [`Keeper`] has made in place of this one, if there is such a file: the same
+    /// segment, and every number goes on. Allocates nothing and never waits. Call it at each heartbeat.
     pub fn move_if_asked(&mut self) {
         let Self { object, handover, regions_by_id, header_words, .. } = self;
         handover.exchange(object, |old, new| {
@@ -172,7 +172,7 @@ impl Publisher {
         body[..STAMP_WORDS].copy_from_slice(&stamp.words(length));
         fill(&mut body[STAMP_WORDS..]);
         if self.options.clock == ClockKind::Own {
-            // Stored before the sample, so that no reader finds a sample from the future.
+            // Stored before the sample, so that no reader finds a sample later than the segment's time.
             self.object.map.store(AT_NOW / WORD, stamp.time_ns.max(self.object.map.load(AT_NOW / WORD)));
         }
         region_writer.published += 1;
@@ -271,7 +271,7 @@ impl Counters<'_> {
         self.set(counter, self.value(counter).wrapping_add(amount));
     }
 
-    /// Sets a counter that is counted elsewhere.
+    /// Sets a counter that another part of the daemon counts.
     pub fn set(&self, counter: Counter, value: u64) {
         self.map.store(AT_COUNTERS / WORD + counter as usize, value);
     }

@@ -6,7 +6,7 @@ use super::memory::ReadMap;
 use super::ring::{Attempt, Latest};
 use super::sample::Sample;
 
-/// How often a read starts again after the writer overwrote the slot; with 4 slots or more, once is rare.
+/// How often a read starts again after the writer overwrote the slot. With 4 slots or more, even one restart is rare.
 pub(super) const ATTEMPTS: u32 = 16;
 
 /// The result of reading one sample.
@@ -18,7 +18,7 @@ pub enum Read {
     NotYet,
     /// The sample was overwritten.
     Lost {
-        /// The oldest sample that may still be there.
+        /// The oldest sample that the ring may still hold.
         first_available: u64,
     },
 }
@@ -49,7 +49,7 @@ impl RegionReader<'_> {
         }
     }
 
-    /// Copies sample `sequence`. The sample is empty if it is not there.
+    /// Copies sample `sequence`. Leaves the sample empty if the ring does not hold it.
     #[inline]
     pub(super) fn read(&self, sequence: u64, sample: &mut Sample) -> Result<Read, SegmentError> {
         match self.region.ring.read(self.map, sequence, sample.room(self.region.lines)) {

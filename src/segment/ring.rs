@@ -4,11 +4,11 @@
 //! copies a slot word by word; shared memory on x86-64 copies vectors (`segment/wide_copy.rs` explains why that is
 //! equivalent). The order of the accesses is that of [`super::layout`], "Head and slots".
 //!
-//! Why a reader's copy is whole: suppose a word of it was written for a later sample in the same slot. The acquire
-//! fence after the copy pairs with the writer's release fence before that word, so the load of the sequence after the
-//! copy sees the later sample's odd number. Why the copy is not too old: the head's release store follows the slot's
-//! last word, and the fence after the head's load pairs with it. So the sequence need not be loaded before the copy as
-//! well.
+//! Why a reader's copy is whole: suppose a word of it belongs to a later sample in the same slot. The acquire fence
+//! after the copy pairs with the writer's release fence before that word, so the load of the sequence after the copy
+//! sees the later sample's odd number. Why the copy is not too old: the head's release store follows the slot's last
+//! word, and the fence after the head's load pairs with it. So the reader need not load the sequence before the copy,
+//! too.
 
 /// Memory as a reader sees it: an array of 64-bit words that another process writes.
 pub trait Words {
@@ -103,8 +103,9 @@ impl Ring {
         memory.store_release(self.head, sequence);
     }
 
-    /// Brings `to`, which has this ring's earlier samples and no reader yet, up to `from`. This thread alone writes `from`; if
-    /// another writes it, that thread must call this again, and slots torn here are then copied anew.
+    /// Brings `to`, which has this ring's earlier samples and no reader yet, up to `from`. Only this thread may write
+    /// `from`. If another thread writes `from`, that thread must call this again: the second call copies torn slots
+    /// anew.
     pub fn carry_over<F: Words, T: WordsMut>(&self, from: &F, to: &T) {
         let (has, head) = (to.load(self.head), self.published(from));
         for sequence in self.oldest(head).max(has + 1)..=head {
@@ -188,7 +189,7 @@ impl Ring {
         head.saturating_sub(self.count as u64 / 2).max(1)
     }
 
-    /// Copies the unused sequence number too, so that the copy is of whole, aligned cache lines.
+    /// Copies the unused sequence number, too, so that the copy consists of whole, aligned cache lines.
     #[inline(always)]
     fn copy<M: Words>(&self, memory: &M, sequence: u64, slot: &mut [u64]) -> bool {
         let from = self.slot(sequence);
@@ -242,8 +243,8 @@ mod tests {
         Memory((0..13).map(|_| AtomicU64::new(0)).collect())
     }
 
-    /// After whichever store the writer dies: the last sample it finished is there, the unfinished one is not, and the
-    /// one it was overwriting is gone at once.
+    /// After whichever store the writer dies: the ring holds the last sample that the writer finished, and not the
+    /// unfinished one; the sample that the writer was overwriting is gone at once.
     #[test]
     fn a_writer_that_dies_in_mid_write_leaves_the_last_sample() {
         let (memory, mut copy) = (memory(), [0; 3]);

@@ -3,7 +3,7 @@
 use super::layout::{FLAG_VALID, STAMP_WORDS};
 use super::memory::{self, Lines};
 
-/// When and under which conditions a sample was taken.
+/// The time and the conditions of a sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stamp {
     /// Time of the first board read that went into the sample, in ns of the segment's clock.
@@ -16,7 +16,7 @@ pub struct Stamp {
 
 /// A sample copied out of the segment. Reuse it for further reads: it allocates only the first time.
 ///
-/// Holds a verbatim copy of the slot; the accessors read their fields from it when called.
+/// Holds a verbatim copy of the slot; each call of an accessor reads its field from the copy.
 #[derive(Clone, Debug, Default)]
 pub struct Sample {
     retries: u32,
@@ -38,7 +38,7 @@ impl Sample {
         self.slot.words().first().map_or(0, |mark| mark / 2)
     }
 
-    /// When it was taken.
+    /// The sample's time and conditions.
     #[must_use]
     #[inline]
     pub fn stamp(&self) -> Stamp {

@@ -97,14 +97,14 @@ impl Subscriber {
         Ok(Self { map, file, file_id, path, geometry, regions_by_id, generation })
     }
 
-    /// The segment's condition: its header's state, and whether its owner's heartbeat beats, the owner lives, or
-    /// another segment replaced it. Two system calls.
+    /// The segment's condition: its header's state, its owner's heartbeat, whether the owner lives, and whether another
+    /// segment has replaced it. Two system calls.
     #[must_use]
     pub fn condition(&self) -> Condition {
         if self.is_replaced() { Condition::Replaced } else { self.own_condition() }
     }
 
-    /// As [`Subscriber::condition`], whatever the name leads to. One system call.
+    /// As [`Subscriber::condition`], but does not look whether the name leads to another segment. One system call.
     #[must_use]
     pub fn own_condition(&self) -> Condition {
         match self.header_condition(self.now_ns()) {
@@ -114,7 +114,7 @@ impl Subscriber {
         }
     }
 
-    /// The condition as far as memory shows it, without a system call: the header's state and the heartbeat.
+    /// The condition from memory alone, without a system call: the header's state and the heartbeat.
     #[must_use]
     pub fn header_condition(&self, now_ns: u64) -> Condition {
         let header = self.header();
@@ -250,7 +250,7 @@ impl Subscriber {
         self.reader(region)?.latest(attempts, sample)
     }
 
-    /// Copies sample `sequence` of a region. The sample is empty if it is not there.
+    /// Copies sample `sequence` of a region. Leaves the sample empty if the region does not hold it.
     ///
     /// # Errors
     /// [`SegmentError::NoSuchRegion`], [`SegmentError::Corrupt`].

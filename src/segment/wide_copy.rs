@@ -4,7 +4,7 @@
 //! copies whole cache lines with the assembly in this file, and everything else word by word. This page argues why that
 //! is correct.
 //!
-//! # Where it is used
+//! # Where the driver uses it
 //! Only for the words of a slot, between the ring's marks (see [`super::ring`]): the writer copies in after it has
 //! stored the odd sequence and before it stores the even one; a reader copies out after it has loaded the head and
 //! before it loads the sequence. Head and sequence themselves are always stored as one atomic word each, and loaded so
@@ -12,7 +12,7 @@
 //!
 //! # Why it is right
 //! Rust's memory model does not cover it: there, racing accesses of different sizes are undefined. The other side may
-//! also be another process, in C or Python, which that model does not know. The argument is the processor's:
+//! also be another process, in C or Python, which that model does not know. The argument rests on the processor:
 //! * **The compiler sees nothing of it.** The assembly is volatile (no `pure`) and may access any memory (no `nomem`,
 //!   no `readonly`). So the compiler keeps it in place between the atomic accesses and fences around it, and can
 //!   conclude nothing from a race that it does not see. The shared address is a raw pointer; no reference to it exists.
@@ -27,7 +27,7 @@
 //! * **Tearing does no harm.** A vector access may take effect in pieces, of any size and in any order among
 //!   themselves. The argument above holds for each byte by itself and needs no two bytes to appear together.
 //!
-//! # How it is tested
+//! # The tests
 //! The tests below compare it with a copy word by word: every length and alignment, and random contents, with guards
 //! around both sides. `tests/it/segment.rs` and `segment_life.rs` race it between threads and processes, with a writer
 //! at full speed. The model checker (`tests/it/segment_loom.rs`) does **not** run it: it runs the ring over copies word

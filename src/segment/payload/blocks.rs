@@ -1,7 +1,7 @@
-//! Where the servo and the background region hold the blocks of motors or coordinate systems.
+//! The places of the blocks of motors or coordinate systems in the servo and background regions.
 //!
 //! The payload itself is the board's 16-bit words unchanged, ascending by host offset. It ends with the last block that
-//! is read.
+//! the daemon reads.
 
 use crate::map::{Blocks, HostOffset};
 
@@ -30,7 +30,7 @@ impl BlockPlace {
         }
     }
 
-    /// How many whole blocks a payload of `payload_bytes` holds.
+    /// How many whole blocks fit in a payload of `payload_bytes`.
     #[must_use]
     pub fn held_in(self, payload_bytes: usize) -> usize {
         let blocks = payload_bytes.saturating_sub(self.start as usize).checked_div(self.stride as usize);

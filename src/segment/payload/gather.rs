@@ -33,7 +33,7 @@ pub struct GatherChunk<Longs = Vec<u32>> {
     pub gather: u32,
     /// Its state.
     pub phase: GatherPhase,
-    /// The number of the first sample; without samples, that of the next one to come.
+    /// The number of the first sample; in a payload without samples, the next sample's number.
     pub first: u64,
     /// Samples that the daemon has lost since the gather began.
     pub lost: u64,
@@ -72,7 +72,7 @@ impl<Longs: AsRef<[u32]>> GatherChunk<Longs> {
 }
 
 impl GatherChunk {
-    /// Reads a payload; `None` when it contradicts itself.
+    /// Reads a payload; `None` if it contradicts itself.
     #[must_use]
     pub fn decode(words: &[u16]) -> Option<Self> {
         let (header, rest) = words.split_at_checked(HEADER_WORDS)?;

@@ -1,7 +1,7 @@
 //! The board's identity: the payload of the board region. `docs/segment.md` has its table.
 //!
-//! The daemon asks once by ASCII where the board answers (`TYPE`, `VERSION`, I-variables), and otherwise takes the
-//! configuration. A bit marks each known value, because a zero is a value, too.
+//! The daemon asks the board once by ASCII (`TYPE`, `VERSION`, I-variables); it takes the configuration's values for
+//! unanswered questions. A bit marks each known value, because a zero is a value, too.
 
 use crate::format::Text;
 
@@ -22,29 +22,30 @@ const AT_BACKGROUND_REPORT: usize = 0x024;
 const AT_MOTOR_MASK: usize = 0x028;
 const AT_SCALES_KNOWN: usize = 0x02C;
 const AT_FIRMWARE: usize = 0x040;
-/// Room for the answer to `VERSION`, in bytes.
+/// Room for the board's answer to `VERSION`, in bytes.
 pub const FIRMWARE_BYTES: usize = 16;
 const AT_BOARD_TYPE: usize = 0x050;
-/// Room for the answer to `TYPE`, in bytes.
+/// Room for the board's answer to `TYPE`, in bytes.
 pub const BOARD_TYPE_BYTES: usize = 64;
 const AT_SCALES: usize = 0x090;
 const AT_COUNTS_PER_UNIT: usize = 0x290;
 const AT_NAMES: usize = 0x390;
 const AT_UNITS: usize = 0x590;
-/// Room for the name of a motor, and for that of its unit, in bytes.
+/// Room for a motor's name, and for its unit's name, in bytes.
 pub const NAME_BYTES: usize = 16;
 const SERVO_PERIOD_BIT: u32 = 3;
 const FIRMWARE_BIT: u32 = 9;
 const BOARD_TYPE_BIT: u32 = 10;
-/// Which copy of the global status is which: 0 at 0x03C, the second word of `???` first. Always so; older clients ask for it.
+/// The place of each copy of the global status: 0 has the second word of `???` at 0x03C. The value is always 0; older
+/// clients read it.
 const GLOBAL_WORDS_BIT: u32 = 11;
 
-/// The unit in which the users of a motor think, as the configuration has it.
+/// The unit in which the users of a motor think, from the configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UserUnit {
     /// The unit's name: `deg`.
     pub name: Text<NAME_BYTES>,
-    /// Counts in one unit; not 0. Negative if the unit grows against the counts.
+    /// Counts in one unit; not 0. Negative if the unit grows as the counts fall.
     pub counts_per_unit: f64,
 }
 
@@ -83,7 +84,7 @@ pub struct Identity {
     pub servo_report: Option<u32>,
     /// I49: the background report is on unless this is 0.
     pub background_report: Option<u32>,
-    /// The motors that are reported, bit n-1 for motor n; see [`first_motors`] and [`Identity::reported_motors`].
+    /// The motors in the reports, bit n-1 for motor n; see [`first_motors`] and [`Identity::reported_motors`].
     pub motor_mask: Option<u32>,
     /// Firmware version, as `1.16D`.
     pub firmware: Option<Text<FIRMWARE_BYTES>>,
@@ -99,11 +100,11 @@ pub struct Identity {
     pub ix60: [Option<i32>; MOTORS],
     /// Each motor's name in the configuration.
     pub names: [Option<Text<NAME_BYTES>>; MOTORS],
-    /// The unit of each motor that the configuration gives one.
+    /// Each motor's unit in the configuration.
     pub units: [Option<UserUnit>; MOTORS],
 }
 
-/// The mask of the motors from 1 to `count`, as [`Identity::motor_mask`] has it.
+/// The mask of motors 1 to `count`, in the form of [`Identity::motor_mask`].
 #[must_use]
 pub const fn first_motors(count: u32) -> u32 {
     match 1_u32.checked_shl(count) {

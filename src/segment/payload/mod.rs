@@ -2,9 +2,9 @@
 //!
 //! | region | file | payload |
 //! |---|---|---|
-//! | servo, background, panel | [`blocks`] | the board's 16-bit words unchanged; where each block lies |
+//! | servo, background, panel | [`blocks`] | the board's 16-bit words unchanged; the place of each block |
 //! | board | [`identity`] | the board's identity |
-//! | variable | [`variable`] | registers of the user's choice |
+//! | variable | [`variable`] | registers of the users' choice |
 //! | gather | [`gather`] | gathered samples |
 //! | user, user table | [`user`] | the site's own words, and their names |
 

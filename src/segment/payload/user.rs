@@ -1,4 +1,4 @@
-//! The regions of the site's own words: one with their values, one with their names. `docs/segment.md` has the tables.
+//! The regions of the site's own words: one for the values, one for the names. `docs/segment.md` has the tables.
 
 use crate::format::{Text, join32, split32};
 use crate::map::user_word::{USER_WORDS, UserWord};
@@ -19,7 +19,7 @@ const AT_BIT: usize = 0x39;
 const AT_WIDTH: usize = 0x3A;
 const AT_SIGNED: usize = 0x3B;
 const AT_GUARD: usize = 0x3C;
-/// In place of a guard's offset, which is even: there is none.
+/// The guard's offset of a name without a guard; a real offset is even.
 const NO_GUARD: u32 = u32::MAX;
 /// The spaces by their numbers in an entry.
 const SPACES: [Space; 6] = [Space::Y, Space::X, Space::Dp, Space::F, Space::D, Space::L];
@@ -36,15 +36,15 @@ pub fn payload_words(words: &[UserWord]) -> usize {
     HEADER_WORDS + words.iter().map(UserWord::words).sum::<usize>()
 }
 
-/// The head of a sample of which the names in `whole` have values, bit 0 being the first name.
+/// The header of a sample in which the names of the mask `whole` have values; bit 0 is the first name.
 #[must_use]
 pub fn header(whole: u64) -> [u16; HEADER_WORDS] {
     let ([a, b], [c, d]) = (split32(whole as u32), split32((whole >> 32) as u32));
     [a, b, c, d]
 }
 
-/// The values of each of `words` in the sample `payload`, unchanged; `None` for those that the daemon could not read whole. `None` for a
-/// sample that is too short.
+/// The values of each of `words` in the sample `payload`, unchanged; `None` for words that the daemon could not read
+/// whole. `None` instead of the list for a sample that is too short.
 #[must_use]
 pub fn split<'a>(words: &[UserWord], payload: &'a [u16]) -> Option<Vec<Option<&'a [u16]>>> {
     let (&[a, b, c, d], mut rest) = payload.split_first_chunk::<HEADER_WORDS>()?;
@@ -83,7 +83,7 @@ pub fn encode_table(words: &[UserWord]) -> Vec<u8> {
     bytes
 }
 
-/// Decodes a table; `None` when it ends before its last name, or has a name that no daemon writes.
+/// Decodes a table; `None` if it ends before its last name, or has a name that no daemon writes.
 #[must_use]
 pub fn decode_table(bytes: &[u8]) -> Option<Vec<UserWord>> {
     let (count, stride) = (u32_at(bytes, 0)? as usize, u32_at(bytes, 4)? as usize);

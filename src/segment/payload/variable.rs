@@ -1,4 +1,4 @@
-//! The variable region: registers of the user's choice, copied by PMAC in the background. `docs/segment.md` has the
+//! The variable region: registers of the users' choice, copied by PMAC in the background. `docs/segment.md` has the
 //! table of its payload.
 
 use crate::format::{join32, split32};
@@ -28,7 +28,7 @@ pub struct Variable {
     pub address: u32,
     /// The kind of register.
     pub kind: VariableKind,
-    /// How many values were taken since the table was set up (modulo 2^32); 0: none yet.
+    /// How many values the daemon has read since it set up the table (modulo 2^32); 0: none yet.
     pub updates: u32,
     /// The value unchanged: one long for a word, two for the other kinds, the Y half first.
     pub longs: [u32; 2],
@@ -103,13 +103,13 @@ impl VariableTable {
         Some(Self { number: join32(low, high), variables })
     }
 
-    /// Whether this is table `number` or a later one. Numbers wrap after 2^32 tables.
+    /// Whether this is table `number` or a later table. Numbers wrap after 2^32 tables.
     #[must_use]
     pub const fn has_come_to(&self, number: u32) -> bool {
         self.number.wrapping_sub(number).cast_signed() >= 0
     }
 
-    /// The value of a register or function block, when the table holds it and has a value.
+    /// The value of a register or function block; `None` if the table lacks it or has no value yet.
     #[must_use]
     pub fn value_of(&self, name: impl Into<VariableName>) -> Option<&Variable> {
         let name = name.into();
