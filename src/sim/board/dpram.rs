@@ -178,12 +178,12 @@ impl Dpram {
         }
     }
 
-    /// Orders the data written before this call before a flag written after it.
+    /// Data written before this call reach memory before a flag written after it.
     pub fn order_writes(&self) {
         self.mapping.order_writes();
     }
 
-    /// Orders a flag read before this call before the data read after it.
+    /// A read of a flag before this call precedes a read of data after it.
     pub fn order_reads(&self) {
         self.mapping.order_reads();
     }
