@@ -1,8 +1,8 @@
 //! The background region: asks for reports at a steady rate and publishes each.
 //!
 //! A sample's time is the last moment when its report was not there yet: the time of the question, or of the last empty
-//! poll. The data are no older, whatever held up the daemon since; the mirror does not publish a report older than the
-//! limit of staleness, but asks anew.
+//! poll. The data are no older, whatever held up the daemon since. The mirror does not publish a report older than the
+//! limit of staleness; it asks for a new one.
 
 use super::freshness::{Freshness, Transition};
 use crate::device::{Bus, BusError};
@@ -12,12 +12,12 @@ use crate::map::{BackgroundBlock, Motors, Selection, Systems, WholeBoard};
 use crate::segment::freshness::limit_ns;
 use crate::segment::{BlockPlace, Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
-/// How soon to poll (again) for a report that was asked for, and no later than after a quarter of a period.
+/// How soon to poll (again) for a requested report, and no later than after a quarter of a period.
 const AGAIN_NS: u64 = 2_000_000;
 /// Reports are stale after this time without one, or after ten periods ([`limit_ns`]).
 const STALE_NS: u64 = 1_000_000_000;
 
-/// The region in the segment, of a report every `period_ns`. It holds a second of reports, and no fewer than 16.
+/// The region in the segment, with a report every `period_ns`. It holds a second of reports, at least 16.
 #[must_use]
 pub fn region(block: &BackgroundBlock, period_ns: u64) -> RegionSpec {
     let reports = u32::try_from(1_000_000_000 / period_ns.max(1)).unwrap_or(u32::MAX);
@@ -35,17 +35,17 @@ pub fn region(block: &BackgroundBlock, period_ns: u64) -> RegionSpec {
 /// Mirrors the background fixed data.
 pub struct BackgroundMirror {
     block: &'static BackgroundBlock,
-    /// Which blocks the report has.
+    /// The reader, which knows the report's blocks.
     pub reader: BackgroundReader,
     timer: ServoTimer,
-    /// Whether reports come, and after which time they are stale.
+    /// Whether reports come, and when they are stale.
     pub freshness: Freshness,
     period_ns: u64,
     due_ns: u64,
     last_poll_ns: u64,
     /// The mirror has asked for a report.
     asked: Option<Asked>,
-    /// The board may be at one under another count, which is not taken.
+    /// The board may be making a report under an old count; the mirror does not take that report.
     is_outdated: bool,
     /// The last report's facts about the whole board.
     told: Told,
@@ -58,18 +58,18 @@ pub struct BackgroundMirror {
 struct Told {
     /// The report's time.
     time_ns: u64,
-    /// When it was asked for: it was begun later.
+    /// The time of the request for it; the board began it later.
     asked_ns: u64,
     whole_board: Option<WholeBoard>,
 }
 
-/// A report that was asked for.
+/// A requested report.
 #[derive(Debug, Clone, Copy)]
 struct Asked {
     at_ns: u64,
     /// The report was not there at this time.
     not_before_ns: u64,
-    /// When its first words were read.
+    /// The time at which the mirror read its first words.
     began_ns: Option<u64>,
 }
 
@@ -100,13 +100,14 @@ impl BackgroundMirror {
         BackgroundReader::release(self.block, bus)
     }
 
-    /// Takes the highest motor that the board reports; where the report has coordinate systems alone, all of them are read.
+    /// Takes the highest motor that the board reports. If the report has only coordinate systems, the mirror reads all
+    /// of them.
     pub fn configure(&mut self, motors: usize) {
         self.reader.set_numbers(self.block.reported(motors));
         if self.block.count.is_some() {
             self.count_changes();
         } else if let Some(asked) = &mut self.asked {
-            // The half-read report is read again; its time stays.
+            // The mirror reads the half-read report again; its time stays.
             asked.began_ns = None;
         }
     }
@@ -129,20 +130,20 @@ impl BackgroundMirror {
         self.freshness.is_live()
     }
 
-    /// What the last report says of the whole board; `None` while none come that tell.
+    /// The facts about the whole board in the last report; `None` while no reports come, or if they do not tell.
     #[must_use]
     pub fn whole_board(&self) -> Option<WholeBoard> {
         self.told.whole_board.filter(|_| self.is_live())
     }
 
-    /// The motors whose amplifier is off, as far as the reports tell: none while none come.
+    /// The motors whose amplifier is off, by the reports: none while no reports come.
     #[must_use]
     pub fn amplifiers_off(&self) -> Motors {
         if self.is_live() && self.reports > 0 { self.reader.amplifiers_off() } else { Motors::NONE }
     }
 
-    /// The coordinate systems that run a motion program, and when the report was asked for that says so; `None` where no report tells
-    /// that is at most `age_ns` old at `now`.
+    /// The coordinate systems that run a motion program, and when the mirror asked for the report that says so; `None`
+    /// unless the last report tells and is at most `age_ns` old at `now`.
     #[must_use]
     pub fn programs_run(&self, now: u64, age_ns: u64) -> Option<(Systems, u64)> {
         let is_told = self.is_live() && self.reports > 0 && self.is_new(now, age_ns);
@@ -150,8 +151,8 @@ impl BackgroundMirror {
         runs.map(|runs| (runs, self.told.asked_ns))
     }
 
-    /// Whether the last report is at most `age_ns` old at `now`. Of reports that come more seldom nobody looks in time whether they
-    /// have become too old.
+    /// Whether the last report is at most `age_ns` old at `now`. False if the mirror asks less often than that: the
+    /// daemon would notice too late that a report has become too old.
     #[must_use]
     pub fn is_new(&self, now: u64, age_ns: u64) -> bool {
         self.period_ns <= age_ns && now.saturating_sub(self.told.time_ns) <= age_ns
@@ -176,19 +177,20 @@ impl BackgroundMirror {
         }
     }
 
-    /// The board may be at a report under the old count.
+    /// The board may be making a report under the old count.
     fn count_changes(&mut self) {
         self.is_outdated |= self.asked.is_some();
         self.ask_anew();
     }
 
-    /// The requested or half-read report was made under another count: blocks beyond it are old, or another program's.
+    /// Drops the requested or half-read report, made under another count: blocks beyond the count are old, or another
+    /// program's.
     fn ask_anew(&mut self) {
         self.reader.reset();
         self.asked = None;
     }
 
-    /// The report is not used any more: what was seen of it says nothing about the board.
+    /// The daemon stops using the report: the mirror's knowledge of it says nothing about the board.
     pub fn end(&mut self, publisher: &Publisher) {
         self.reset();
         self.freshness.end();
@@ -201,7 +203,7 @@ impl BackgroundMirror {
     /// When the bus cannot be reached.
     pub fn ask(&mut self, bus: &mut impl Bus, now: u64) -> Result<(), BusError> {
         self.asked = None;
-        // A report that is there already is complete; the question takes it away.
+        // A report that is there already is complete; a new request takes it away.
         self.is_outdated = self.is_outdated && !self.reader.is_ready(bus)?;
         self.reader.ask(bus)?;
         self.asked = Some(Asked { at_ns: now, not_before_ns: now, began_ns: None });
@@ -226,7 +228,7 @@ impl BackgroundMirror {
         }
         self.last_poll_ns = now;
         let Some(asked) = &mut self.asked else {
-            // A poll that waited does not make the reports rarer.
+            // A poll that came late does not make the reports less frequent.
             let planned_ns = self.due_ns;
             let is_punctual = now.saturating_sub(planned_ns) <= self.spare_ns();
             self.ask(bus, now)?;
@@ -237,7 +239,7 @@ impl BackgroundMirror {
         };
         match self.reader.poll(bus)? {
             BackgroundPoll::Nothing => {
-                // If another report replaced this one, it did so after the first words of this one were read.
+                // Another report can have replaced this one only after the mirror read this one's first words.
                 asked.not_before_ns = asked.began_ns.take().unwrap_or(now);
                 self.due_ns = now + self.spare_ns();
                 let transition = self.freshness.timeout(now);

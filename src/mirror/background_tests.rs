@@ -1,4 +1,4 @@
-//! How old what is published is, on a board played by hand, in time of the test's own.
+//! The age of published data, on a board played by hand, in the test's own time.
 
 use super::*;
 use crate::decode::{Scales, background};
@@ -22,7 +22,7 @@ struct Rig {
     subscriber: Subscriber,
     sample: Sample,
     now: u64,
-    /// PMAC's background passes; each report carries the number of the one that made it.
+    /// PMAC's background passes; each report carries the number of its pass.
     passes: u16,
     _directory: tempfile::TempDir,
 }
@@ -72,14 +72,14 @@ impl Rig {
         self.mirror.poll(&mut self.bus, &mut self.publisher, self.now).unwrap()
     }
 
-    /// The number of the sample that was published last, the pass that made its report, and its time.
+    /// The number of the last published sample, the pass that made its report, and its time.
     fn latest(&mut self) -> Option<(u64, u16, u64)> {
         let sequence = self.subscriber.latest(RegionId::Background, &mut self.sample).unwrap()?;
         let first = (BACKGROUND_BLOCK.bytes() - BACKGROUND_DATA_READY.bytes()) as usize / 2;
         Some((sequence, self.sample.words()[first], self.sample.stamp().time_ns))
     }
 
-    /// Runs board and mirror, each millisecond by millisecond, until another sample is published.
+    /// Runs board and mirror millisecond by millisecond until the mirror publishes another sample.
     fn run_to_next(&mut self) -> (u64, u16, u64) {
         let before = self.latest();
         for _ in 0..2000 {
@@ -123,10 +123,10 @@ fn a_report_is_made_when_it_is_due_and_not_a_period_before() {
     for sequence in 1..20 {
         let (found, pass, time_ns) = rig.run_to_next();
         assert_eq!(found, sequence);
-        // A pass a millisecond: it was made after it was asked for, 2 ms before the poll that found it.
+        // A pass a millisecond: PMAC made the report after the request, which came 2 ms before the poll that found it.
         assert!(rig.passes - pass <= 2, "made {} ms before it was read", rig.passes - pass);
         assert!(rig.now - time_ns <= 3 * MS);
-        // What its time says, it is no older than.
+        // The data are no older than the sample's time says.
         assert!(u64::from(pass) * MS + START >= time_ns);
         assert!(sequence == 1 || (49..=53).contains(&(pass - last)), "a report a period: {}", pass - last);
         last = pass;
@@ -146,7 +146,7 @@ fn asking_and_reading_cost_what_they_did() {
     while rig.latest().unwrap().0 == 1 {
         rig.poll();
     }
-    // 4 are the board's own.
+    // 4 accesses are the board's own.
     assert_eq!(rig.bus.accesses() - before - 4, 2 * 62 + 11);
 }
 
@@ -193,7 +193,7 @@ fn the_report_after_one_that_did_not_stand_has_a_time_of_its_own() {
     rig.now += 2 * MS;
     let began = rig.now;
     rig.poll();
-    // Reset in the middle, with another report right after it.
+    // A reset in the middle, with another report right after it.
     rig.bus.write16(BACKGROUND_DATA_READY, 0).unwrap();
     rig.pmac();
     let made = rig.passes;
@@ -203,7 +203,7 @@ fn the_report_after_one_that_did_not_stand_has_a_time_of_its_own() {
     assert_eq!(rig.latest().unwrap().0, 1, "the first one is not told");
     let (_, pass, time_ns) = rig.run_to_next();
     assert_eq!((pass, time_ns), (made, began), "it was not there when the first one's first words were read");
-    // One that does not come for a while is not told as of then.
+    // A report that takes long does not get the time of the request.
     rig.now = rig.mirror.due_ns();
     rig.poll();
     rig.pmac();
@@ -235,7 +235,7 @@ fn silence_is_told_once_by_looks() {
     assert!(rig.mirror.is_live());
 }
 
-/// A segment with a Turbo board's background report, and the directory that it is in.
+/// A segment with a Turbo board's background report, and the segment's directory.
 fn turbo_segment() -> (Publisher, Subscriber, tempfile::TempDir) {
     let directory = tempfile::tempdir_in("/dev/shm").unwrap();
     let name = SegmentName::new("turbo").unwrap();
@@ -253,7 +253,7 @@ fn a_report_made_under_the_count_as_found_is_not_read_with_more_blocks() {
     let mut bus = FileBoard::from_file(&file, TURBO2.length as usize).unwrap();
     let (mut publisher, subscriber, _directory) = turbo_segment();
     let [count, timer, ready] = [0x0674, 0x0678, 0x067A].map(HostOffset::new);
-    // The report is there, or half read, when the count becomes the host's; or the board is in the middle of it.
+    // The count becomes the host's while a report is there or half read, or while the board is making a report.
     for polls in [Some(0), Some(1), Some(2), None] {
         let mut mirror = BackgroundMirror::new(&TURBO2.background, PERIOD, crate::map::Selection::ALL);
         mirror.configure(3);
@@ -297,7 +297,7 @@ fn a_turbo_pmacs_coordinate_systems_come_through_the_path_of_every_family() {
     let mut bus = Counted::new(FileBoard::from_file(&file, TURBO2.length as usize).unwrap());
     let (mut publisher, subscriber, _directory) = turbo_segment();
     let mut mirror = BackgroundMirror::new(&TURBO2.background, PERIOD, crate::map::Selection::ALL);
-    // Whatever motors are reported: these are coordinate systems.
+    // The reported motors do not matter: these blocks are coordinate systems.
     mirror.configure(3);
     let at = HostOffset::new;
     for word in [0x0676, 0x067A] {

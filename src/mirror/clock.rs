@@ -7,8 +7,8 @@
 //! - The grid is when the board makes its updates. It comes from the earliest finds (`window`).
 //! - The aim is when to poll. An update found at the first poll moves it a little earlier, an empty poll moves it
 //!   further back. So one first poll in six is empty until the aim is found, then one in fourteen, however late this
-//!   machine wakes up; a poll that is milliseconds late counts no more than any other. A poll in vain costs a wake-up.
-//!   An update that the board makes late, as a simulated one may, does not move the aim, and costs several of them.
+//!   machine wakes up; a poll that is milliseconds late counts no more than any other. An empty poll costs a wake-up. An
+//!   update that the board makes late, as a simulated board may, does not move the aim, and costs several empty polls.
 
 mod window;
 
@@ -23,18 +23,19 @@ const MILLISECOND: Ns = 1_000_000;
 /// A step of the aim is this part of a period, and at most this time.
 const STEP: f64 = 1.0 / 128.0;
 const STEP_NS: f64 = 2_000.0;
-/// While the aim is looked for, and once it is found.
+/// While the clock looks for the aim, and once the aim is found.
 const FINDING: Pace = Pace { earlier: 1.0, haste: 8 };
 const HOLDING: Pace = Pace { earlier: 0.25, haste: 16 };
 /// Later by so many steps after an empty first poll.
 const LATER: f64 = 6.0;
 /// No step is longer than this part of a period.
 const LONGEST_STEP: f64 = 1.0 / 8.0;
-/// After so many whole windows the aim counts as found. After so many updates in a row at the first poll it is looked for
-/// again, in haste.
+/// After so many whole windows the aim counts as found. After so many updates in a row at the first poll the clock
+/// looks for the aim again, in haste.
 const SETTLED: u32 = 4;
 const UNSETTLED: u32 = 48;
-/// An update that was not there so long after it was due was made late: this part of a period, and at most this time.
+/// The board made an update late if the update was not there so long after it was due: this part of a period, and at
+/// most this time.
 const LATE: f64 = 1.0 / 4.0;
 const LATE_NS: f64 = 100_000.0;
 /// The aim stays this near to the grid, as a part of a period. A machine that always wakes later than that finds each
@@ -45,20 +46,20 @@ const AIM: f64 = 3.0 / 8.0;
 /// the finds must come earlier by more than aim and grid can move.
 const CHANGED: f64 = 1.0 / 16.0;
 const CHANGED_UNBOUNDED: f64 = 1.0 / 4.0;
-/// A period that is hardly known is taken as this part of the estimate. Polls then come too early, which shows; polls
-/// that come too late do not.
+/// The clock takes this part of the estimate for a period that is hardly known. Polls then come too early, which shows;
+/// polls that come too late do not show.
 const SHORTER: f64 = 31.0 / 32.0;
 const SHORTER_UNBOUNDED: f64 = 7.0 / 8.0;
 /// Without an update for this many periods (and at least [`SILENCE`]) the phase is lost.
 const LOCK_PERIODS: f64 = 20.0;
 const SILENCE: Ns = 50 * MILLISECOND;
-/// After this silence the board is no longer expected to go on any moment.
+/// After this silence the clock no longer expects the board to go on any moment.
 const LONG_SILENCE: Ns = 1_000 * MILLISECOND;
 /// The time between polls while an update is due: a part of a period, within these limits.
 const POLL_AGAIN_SHARE: f64 = 1.0 / 32.0;
 const POLL_AGAIN: std::ops::RangeInclusive<Ns> = 10 * MICROSECOND..=30 * MICROSECOND;
-/// The longest time between polls without a phase, where one access a millisecond costs nothing, and with one. A period
-/// that was configured wrong, or became much shorter, is noticed after this time.
+/// The longest time between polls without a phase, where one access a millisecond costs nothing, and with one. The
+/// clock notices a wrongly configured period, or one that has become much shorter, after this time.
 const IDLE_POLL: Ns = MILLISECOND;
 const RARE_POLL: Ns = 10 * MILLISECOND;
 
@@ -76,24 +77,25 @@ struct Pace {
 pub struct UpdateClock {
     /// The time between updates; 0 while unknown.
     period_ns: f64,
-    /// When the last update seen was due, while locked.
+    /// When the last seen update was due, while locked.
     grid_ns: Option<f64>,
     /// When to poll for an update, relative to the grid.
     aim_ns: f64,
     window: Window,
-    /// The last update seen.
+    /// The time of the last find.
     last_update_ns: Option<Ns>,
-    /// When the last empty poll since then began.
+    /// When the last empty poll since that find began.
     last_empty_ns: Option<Ns>,
-    /// How many updates in a row were found at the first poll, but for late ones. An empty one halves the count.
+    /// How many updates in a row were found at the first poll; late updates do not count. An empty first poll halves
+    /// the count.
     at_once: u32,
-    /// Whole windows since the phase was taken, or the aim was lost.
+    /// Whole windows since the clock took the phase, or lost the aim.
     windows: u32,
     due_ns: Ns,
 }
 
 impl UpdateClock {
-    /// Takes the period that the board's settings give (I10 and I19), if none has been learnt or it differs by more
+    /// Takes the period of the board's settings (I10 and I19), if the clock has learnt none or one that differs by more
     /// than a tenth.
     pub fn expect_period(&mut self, period_ns: Ns) {
         let period = period_ns as f64;
@@ -115,18 +117,18 @@ impl UpdateClock {
         (self.period_ns > 0.0).then_some(self.period_ns as Ns)
     }
 
-    /// When the board made the last update seen, however late it was found. None without a phase.
+    /// When the board made the last seen update, however late the poll found it. `None` without a phase.
     #[must_use]
     pub fn update_ns(&self) -> Option<Ns> {
         self.grid_ns.map(|grid| grid.max(0.0) as Ns)
     }
 
-    /// When to poll first for the next update, while locked.
+    /// When to make the first poll for the next update, while locked.
     fn aimed_at(&self) -> Option<f64> {
         self.grid_ns.map(|grid| grid + self.period_ns + self.aim_ns)
     }
 
-    /// A poll that `began` and has ended `now` found nothing new. Any update came after it began.
+    /// A poll from `began` to `now` found nothing new. Any update came after it began.
     pub fn poll_empty(&mut self, began: Ns, now: Ns) {
         self.last_empty_ns = Some(began);
         let silent = self.last_update_ns.map_or(Ns::MAX, |last| now.saturating_sub(last));
@@ -142,8 +144,8 @@ impl UpdateClock {
     }
 
     /// The time from an empty poll to the next: short while the update may come any moment, and longer the longer it
-    /// fails to come. The clock still polls when each following update is due, but not as often as for a late one: a
-    /// board may leave updates out, and a simulated one needs the processor.
+    /// fails to come. The clock still polls at each later update's due time, but not as often as for a late update: a
+    /// board may leave updates out, and a simulated board needs the processor.
     fn wait_for(&self, aim: f64, now: Ns) -> Ns {
         let soon = ((POLL_AGAIN_SHARE * self.period_ns) as Ns).clamp(*POLL_AGAIN.start(), *POLL_AGAIN.end());
         let late = now as f64 - aim;
@@ -186,8 +188,8 @@ impl UpdateClock {
         self.move_aim(0.0);
     }
 
-    /// Follows the phase. The time tells which update of the grid was found, because the count may be wrong while the
-    /// board's I19 is unknown.
+    /// Follows the phase. The time tells which update of the grid the poll found, because the count may be wrong while
+    /// the board's I19 is unknown.
     fn track(&mut self, grid: f64, at: f64, updates: f64) {
         let period = self.period_ns;
         let due = grid + ((at - grid) / period).floor().max(1.0) * period;
@@ -202,7 +204,7 @@ impl UpdateClock {
         }
         let found = FoundUpdate { find_ns: at, updates, due_ns: due, empty_ns: empty, was_early };
         self.window.add(found, period);
-        // An update is found after it was made, so the grid cannot be later.
+        // A poll finds an update after the board made it, so the grid cannot be later.
         self.set_grid(due, (at - due).min(0.0));
         if !self.window.is_full() {
             return;
@@ -224,7 +226,7 @@ impl UpdateClock {
         self.windows = self.windows.saturating_add(1);
     }
 
-    /// Moves the aim by a `step` or some, after an update whose first poll `was_early`.
+    /// Moves the aim by one or more times `step`, after an update whose first poll `was_early`.
     fn follow_aim(&mut self, was_early: bool, step: f64) {
         if self.at_once >= UNSETTLED {
             self.windows = 0;
@@ -247,7 +249,7 @@ impl UpdateClock {
         self.aim_ns = (self.aim_ns + by).clamp(-most, most);
     }
 
-    /// After a longer silence the phase is lost.
+    /// Longer silences lose the phase.
     fn longest_silence(&self) -> Ns {
         SILENCE.max((LOCK_PERIODS * self.period_ns) as Ns)
     }

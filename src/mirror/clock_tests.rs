@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// The result of a run: polls an update, the worst delay and the missed updates after the first tenth, all delays, and
-/// by how much the clock was wrong about the time of each update found.
+/// The result of a run: polls per update, the worst delay and the missed updates after the first tenth, all delays, and
+/// the clock's error about the time of each found update.
 struct Seen {
     polls: f64,
     worst: Ns,
@@ -12,10 +12,10 @@ struct Seen {
     errors: Vec<f64>,
 }
 
-/// An update: when it was made, and its number by the board's timer.
+/// An update: its time, and its number by the board's timer.
 type Update = (f64, u64);
 
-/// Runs the clock against those updates, each poll as late as `lateness` says.
+/// Runs the clock against `updates`; `lateness` delays each poll.
 fn watch(clock: &mut UpdateClock, updates: &[Update], mut lateness: impl FnMut(Ns) -> Ns) -> Seen {
     let (mut polls, mut worst, mut missed, mut seen) = (0u64, 0, 0, 0usize);
     let mut now = 1_000_000u64;
@@ -42,7 +42,7 @@ fn watch(clock: &mut UpdateClock, updates: &[Update], mut lateness: impl FnMut(N
     Seen { polls: polls as f64 / updates.len() as f64, worst, missed, delays, errors }
 }
 
-/// `count` updates, each as long after the one before as `period` says by its number.
+/// `count` updates; `period` gives the time before each, by its number.
 fn updates(count: u64, period: impl Fn(u64) -> f64) -> Vec<Update> {
     let times = (0..count).scan(1_234_567.0, |time, number| {
         *time += period(number);
@@ -171,7 +171,7 @@ fn a_period_that_changes_under_way_is_found_without_being_told() {
         let updates = updates(40_000, |number| if number < 10_000 { before } else { after });
         let mut random = random();
         let Seen { polls, missed, .. } = watch(&mut UpdateClock::default(), &updates, |_| random(5_000));
-        // Updates that come four times as often are missed until the clock has learnt it, at a fiftieth an update.
+        // Updates that come four times as often go missing until the clock has learnt it, at a fiftieth an update.
         assert!(missed < 400, "{before} to {after}: {missed} missed");
         assert!(polls < 3.0, "{before} to {after}: {polls} polls an update");
     }
@@ -181,7 +181,7 @@ fn a_period_that_changes_under_way_is_found_without_being_told() {
 fn a_period_that_was_told_and_is_nonsense_is_unlearnt() {
     let mut clock = UpdateClock::default();
     run(&mut clock, 442_708.4, 5_000, 1_000);
-    // I19 garbled on its way, told as 3713707.
+    // I19 garbled on its way, read as 3713707.
     clock.expect_period(442_708 * 3_713_707);
     let late = 1_000.0 * 442_708.4;
     let updates = updates(30_000, |number| if number == 0 { late } else { 442_708.4 });
@@ -209,7 +209,7 @@ fn a_machine_that_stands_still_at_times_costs_only_what_it_slept_through() {
     let mut random = random();
     let (mut slept, mut stops) = (0, 0);
     let seen = watch(&mut UpdateClock::default(), &updates, |due| {
-        // Once in a thousand polls something else has the processor for up to 20 ms.
+        // Once in a thousand polls another process has the processor for up to 20 ms.
         if due > 3_000_000_000 && random(1000) == 0 {
             let stop = random(20_000_000);
             slept += stop;
@@ -233,7 +233,7 @@ fn updates_that_are_late_now_and_then_do_not_make_the_polls_late() {
         let (mut held_up, mut by) = (random(), random());
         let mut updates = updates(20_000, |_| period);
         for (time, _) in &mut updates {
-            // One in fifty, by up to three quarters of a period: the next is in time again.
+            // One update in fifty, by up to three quarters of a period: the next is in time again.
             if held_up(50) == 0 {
                 *time += by((period * 0.75) as u64) as f64;
             }
@@ -266,7 +266,7 @@ fn an_update_that_fails_to_come_is_polled_for_less_and_less() {
 
 #[test]
 fn updates_that_fail_to_come_are_no_reason_to_lose_the_phase() {
-    // One in ten is left out by the board, as with Host-Busy set.
+    // The board leaves out one update in ten, as with Host-Busy set.
     let all = updates(50_000, |_| 442_708.4).into_iter();
     let came: Vec<Update> = all.filter(|(_, number)| number % 10 != 7).collect();
     let mut random = random();
@@ -275,7 +275,7 @@ fn updates_that_fail_to_come_are_no_reason_to_lose_the_phase() {
     assert!(seen.worst < 60_000, "{} ns late", seen.worst);
 }
 
-/// The middle of some errors, and the value that nine in ten stay below.
+/// The median of some errors, and the value that nine in ten stay below.
 fn middle(mut errors: Vec<f64>) -> [f64; 2] {
     errors.sort_by(f64::total_cmp);
     [errors[errors.len() / 2], errors[errors.len() * 9 / 10]]
@@ -296,7 +296,7 @@ fn a_late_find_moves_neither_phase_nor_period() {
 
 #[test]
 fn polls_that_are_always_late_are_only_an_upper_bound() {
-    // No wake-up is less than 60 us late. Polls that aim earlier find when the updates are made.
+    // Each wake-up is at least 60 us late. Polls that aim earlier find when the board makes the updates.
     for period in [442_708.4, 2e6] {
         let mut random = random();
         let mut clock = UpdateClock::default();
@@ -309,7 +309,7 @@ fn polls_that_are_always_late_are_only_an_upper_bound() {
 
 #[test]
 fn polls_in_vain_for_updates_left_out_do_not_make_the_others_late() {
-    // The board makes one update in four: I19 was changed, and nobody has told.
+    // The board makes one update in four: I19 was changed, and the clock does not know.
     for period in [442_708.4, 2e6] {
         let all = updates(20_000, |_| period).into_iter();
         let made: Vec<Update> = all.filter(|(_, number)| number % 4 == 0).collect();
@@ -322,7 +322,7 @@ fn polls_in_vain_for_updates_left_out_do_not_make_the_others_late() {
 
 #[test]
 fn a_board_that_is_often_late_does_not_make_the_polls_late() {
-    // A simulated board is held up as its machine is. Its late updates say nothing of when the others come.
+    // A simulated board is held up as its machine is. Its late updates say nothing about the times of the others.
     for (percent, period) in [(15, 2e6), (15, 442_708.4), (20, 2e6), (20, 442_708.4)] {
         let mut clock = UpdateClock::default();
         clock.expect_period(period as Ns);
@@ -343,7 +343,8 @@ fn a_board_that_is_often_late_does_not_make_the_polls_late() {
 
 #[test]
 fn a_period_that_is_held_for_too_long_is_unlearnt() {
-    // A machine that stood still at the wrong moment can have taught the clock such a period. Each poll finds an update then.
+    // A machine that stood still at the wrong moment can have taught the clock such a period. Then each first poll
+    // finds an update.
     for period in [111_111.1, 442_708.4, 2e6, 4_427_084.0, 6e6, 8_854_168.0] {
         for too_long in [0.5, 1.0, 1.25, 1.5, 1.75, 2.0, 3.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 24.0] {
             let mut clock = UpdateClock::default();
@@ -360,7 +361,7 @@ fn a_period_that_is_held_for_too_long_is_unlearnt() {
 
 #[test]
 fn a_period_is_learnt_where_no_wake_up_is_in_time() {
-    // None is less than a quarter of a period late, up to a third.
+    // Every wake-up is late, by a quarter to a third of a period.
     for (period, late) in [(111_111.1, 30_000), (111_111.1, 36_000), (221_354.2, 60_000), (221_354.2, 72_000)]
     {
         let mut clock = UpdateClock::default();
@@ -375,8 +376,8 @@ fn a_period_is_learnt_where_no_wake_up_is_in_time() {
 
 #[test]
 fn after_rough_times_the_phase_is_found_again() {
-    // The clock is told a wrong period or none; the board is held up or leaves updates out, or the machine is held up, once in so
-    // many updates. Then all goes well.
+    // The clock gets a wrong period or none; once in so many updates the board is late or leaves one out, or the
+    // machine is held up. Then all goes well.
     const CALM: usize = 5_000;
     for seed in 1..=300 {
         let mut draw = seeded(seed);
@@ -426,7 +427,7 @@ fn a_board_whose_time_slips_is_found_again() {
 
 #[test]
 fn the_phase_is_found_soon_after_the_start() {
-    // Board and machine are each 10 us late and more, one time in fifty by milliseconds.
+    // Board and machine are each at least 10 us late, and one time in fifty by milliseconds.
     for (period, is_told) in [(2e6, true), (2e6, false), (442_708.4, true), (442_708.4, false)] {
         let (mut slow, mut lost) = (0, 0);
         for seed in 1..=100 {
@@ -460,7 +461,7 @@ fn the_phase_is_found_soon_after_the_start() {
 
 #[test]
 fn few_polls_are_in_vain_once_the_aim_is_found() {
-    // A poll in vain costs a wake-up. An aim that is far too late would cost none.
+    // An empty poll costs a wake-up. An aim that is far too late would cost none.
     for period in [2e6, 442_708.4, 111_111.1] {
         let mut clock = UpdateClock::default();
         clock.expect_period(period as Ns);

@@ -1,25 +1,26 @@
 //! Whether the board went on or was reset: its servo timer against the time that went by.
 //!
 //! A board that went on shows no more servo cycles since the last update than fit into the time since. A board that was
-//! reset counts from 0, so its timer itself shows no more than that. Only a timer that does the second and not the
-//! first tells of a reset; a pause of the report (I48, GATHER, a longer I19) or of either program is none, however
-//! long. A simulated board on a busy machine, stopped or in virtual time runs slow, so fewer cycles than fit say
-//! nothing.
+//! reset counts from 0, so its timer itself shows no more than that. A timer tells of a reset only if it fits a count
+//! from 0 and does not fit the time since the last update. A pause of the report (I48, GATHER, a longer I19) or of
+//! either program is no reset, however long. A simulated board runs slow on a busy machine, stopped or in virtual time,
+//! so fewer cycles than fit say nothing.
 //!
 //! The longer the silence, the more of the timer's values fit: after about a turn of its 15 bits all do, and the timer
 //! tells nothing. The mirror then takes the silence for a pause: a false alarm would end a streamed contour, and the
 //! daemon has other means to see a reset. A reset clears the status word at once, and a mirror that polls every few
 //! milliseconds sees a timer of exactly 0 without a report, which a board that goes on shows once in 32768 times.
 
-/// A timer that moved on by no more than this many updates belongs to the stretch of the last update, but never one
-/// that moved by more than a quarter of a turn.
+/// A timer that moved on by no more than this many updates goes on from the last update, but never a timer that moved
+/// by more than a quarter of a turn.
 const NEXT_UPDATES: u64 = 64;
-/// Servo cycles that an update may seem early: the thread was held up between clock and poll.
+/// By so many servo cycles an update may seem early: the thread was held up between clock and poll.
 const SLACK: u64 = 64;
-/// The length of a servo cycle is known from this many, and of late: the older half counts less after so many.
+/// After this many servo cycles the mirror knows their length, from the latest ones: the older half counts less after
+/// so many.
 const MEASURED: u64 = 256;
 const MEASURED_AT_MOST: u64 = 8192;
-/// More servo cycles than any board has run: the bound for the cycles by a nonsensical I10.
+/// More servo cycles than any board has run: the bound when I10 is nonsense.
 const MOST_CYCLES: u64 = 1 << 48;
 
 /// The verdict on an update's timer.
@@ -29,19 +30,19 @@ pub enum Verdict {
     Continuous,
     /// The board was reset, or cleared its memory.
     Reset,
-    /// The timer is neither where it would be now nor near its start: another program set it, or its clock became
+    /// The timer is neither at its expected value nor near its start: another program set it, or its clock became
     /// faster.
     Discontinuous,
 }
 
-/// Knows when the last update came and how long a servo cycle lasts.
+/// Remembers the last update's time and measures the length of a servo cycle.
 #[derive(Debug, Clone)]
 pub struct Continuity {
     /// Bits of the servo timer.
     timer_bits: u32,
-    /// A servo cycle as the board says (I10).
+    /// The length of a servo cycle by the board's I10.
     told_ns: Option<u64>,
-    /// Servo cycles that passed while updates came, and how long they took.
+    /// Servo cycles that passed while updates came, and the time that they took.
     cycles: u64,
     taken_ns: u64,
     /// The last update; `None` while the age of every update is unknown.
@@ -55,7 +56,7 @@ impl Continuity {
         Self { timer_bits, told_ns: None, cycles: 0, taken_ns: 0, last_ns: None }
     }
 
-    /// Takes the length of a servo cycle from elsewhere (I10). A measured length wins.
+    /// Takes the length of a servo cycle by I10. A measured length wins.
     pub fn expect_cycle(&mut self, cycle_ns: u64) {
         self.told_ns = Some(cycle_ns);
     }
@@ -94,9 +95,9 @@ impl Continuity {
     }
 
     /// Servo cycles since the last update, whole turns included, if the timer shows `passed`: after more than a turn
-    /// only the elapsed time tells. A timer within the next updates belongs to the stretch of the last one, however
-    /// long ago that was. A timer that with its turns does not come near the elapsed time stood still for some of it,
-    /// like a simulated board that is stopped together with this program. `cycles` as for [`Self::judge`].
+    /// only the elapsed time tells. A timer that shows one of the next updates goes on from the last update, however
+    /// long ago that was. A timer that even with its turns does not come near the elapsed time stood still for a part
+    /// of it, like a simulated board that is stopped together with this program. `cycles` as for [`Self::judge`].
     #[must_use]
     pub fn whole(&self, passed: u64, cycles: Option<u32>, now_ns: u64) -> u64 {
         let turn = 1u64 << self.timer_bits;
@@ -127,7 +128,7 @@ impl Continuity {
         self.last_ns.map_or(u64::MAX, |last| now_ns.saturating_sub(last))
     }
 
-    /// Servo cycles that fit into the time since the last update, as far as both are known.
+    /// Servo cycles that fit into the time since the last update; `None` while either length is unknown.
     fn elapsed(&self, now_ns: u64) -> Option<u64> {
         let since = now_ns.saturating_sub(self.last_ns?);
         let measured = (self.cycles >= MEASURED).then_some((self.taken_ns, self.cycles));
@@ -148,7 +149,7 @@ mod tests {
     const SECOND: u64 = 2259;
     const TURN: u64 = 1 << TIMER_BITS;
 
-    /// A board that has shown `last` and is silent for `silence` cycles; then its timer is `timer`.
+    /// The verdict on `timer` from a board that has shown `last` and was silent for `silence` cycles.
     fn after(last: u64, silence: u64, timer: u64) -> Verdict {
         let mut continuity = Continuity::new(TIMER_BITS);
         continuity.expect_cycle(CYCLE_NS);
@@ -165,7 +166,7 @@ mod tests {
             [100, 230, 300, SECOND / 3, SECOND, 10 * SECOND, 14 * SECOND, 20 * SECOND, 3600 * SECOND]
         {
             for last in [0, 1, 5000, 16_000, 32_000, TURN - 1] {
-                // On time; a little early; slow, as a simulated board is; stopped, as one is in mid-pause.
+                // On time; a little early; slow, as a simulated board; stopped, as a board in mid-pause.
                 for passed in [silence, silence + silence / 16 + 20, silence * 2 / 3, silence / 2, 70, 3, 1] {
                     let timer = (last + passed) % TURN;
                     if timer != 0 {
@@ -182,17 +183,17 @@ mod tests {
 
     #[test]
     fn a_reset_is_found() {
-        // The status word is cleared at once: a poll finds it 0, whenever that is, wherever the timer was.
+        // A reset clears the status word at once: a poll finds 0, at any time and wherever the timer was.
         for silence in [230, SECOND, 8 * SECOND, 20 * SECOND, 3600 * SECOND] {
             for last in [1, 5000, 16_000, TURN - silence % TURN, TURN - 1] {
                 assert_eq!(after(last, silence, 0), Verdict::Reset, "{last} {silence}");
             }
         }
-        // While updates come, from one to the next.
+        // While updates come, from one update to the next.
         for (last, timer) in [(5000, 0), (5000, 1), (30_000, 0), (200, 0), (20_000, 60)] {
             assert_eq!(after(last, 1, timer), Verdict::Reset, "{last}");
         }
-        // A board whose first update is seen only when it reports again: it has counted from 0 since.
+        // The mirror sees the first update after the board has counted from 0 for a while.
         for (last, silence, timer) in
             [(20_000, 300, 10), (20_000, SECOND, 2000), (5000, SECOND, 500), (12_000, 5 * SECOND, 9000)]
         {
@@ -211,7 +212,7 @@ mod tests {
     fn a_timer_that_is_elsewhere_is_no_reset() {
         assert_eq!(after(5000, 1, 25_000), Verdict::Discontinuous);
         assert_eq!(after(5000, SECOND, 25_000), Verdict::Discontinuous);
-        // The servo clock was made four times as fast meanwhile.
+        // The servo clock has become four times as fast meanwhile.
         assert_eq!(after(5000, SECOND, 5000 + 4 * SECOND), Verdict::Discontinuous);
     }
 
@@ -222,7 +223,7 @@ mod tests {
         continuity.expect_cycle(CYCLE_NS);
         assert_eq!(continuity.judge(7, 20_000, Some(1), 1_000_000_000, false), Verdict::Continuous);
         assert_eq!(continuity.judge(0, 20_000, Some(1), 1_000_000_000, false), Verdict::Reset, "cleared");
-        // No length of a cycle.
+        // The length of a cycle is unknown.
         let mut continuity = Continuity::new(TIMER_BITS);
         continuity.on_update(0, None);
         assert_eq!(continuity.judge(7, 20_000, None, 442_708, true), Verdict::Continuous);
@@ -230,7 +231,7 @@ mod tests {
 
     #[test]
     fn a_changed_report_period_is_no_reset() {
-        // From I19 = 3 to 200, 230 and 2000: whether the period is still believed or already doubted.
+        // From I19 = 3 to 200, 230 and 2000, while the mirror believes the old period and once it doubts it.
         for period in [200, 230, 2000] {
             for (cycles, is_live) in [(Some(3), true), (None, true), (Some(3), false)] {
                 let mut continuity = Continuity::new(TIMER_BITS);
@@ -252,7 +253,7 @@ mod tests {
     #[test]
     fn the_length_of_a_cycle_is_measured() {
         let mut continuity = Continuity::new(TIMER_BITS);
-        // Told as twice as long as it is.
+        // I10 says twice the real length.
         continuity.expect_cycle(2 * CYCLE_NS);
         let mut now = 0;
         for update in 0..5000 {
@@ -289,19 +290,19 @@ mod tests {
         let mut continuity = Continuity::new(TIMER_BITS);
         continuity.expect_cycle(CYCLE_NS);
         continuity.on_update(0, None);
-        // Both go on together; then, the board goes on a tenth of a second before the daemon.
+        // First, board and daemon go on together; second, the board goes on a tenth of a second before the daemon.
         for stood in [5, 8, 10, 12, 20, 60, 3600, 30_000] {
             for passed in [1, 20, 64] {
                 let now = (stood * SECOND + passed) * CYCLE_NS;
                 assert_eq!(continuity.whole(passed, Some(1), now), passed, "{stood} s, {passed}");
             }
         }
-        // None is near whole turns, of 14.5 s.
+        // No time is near whole turns, of 14.5 s.
         for stood in [8, 10, 12, 20, 25, 124, 299, 1006] {
             let now = (stood * SECOND + SECOND / 10) * CYCLE_NS;
             assert_eq!(continuity.whole(SECOND / 10, Some(1), now), SECOND / 10, "{stood} s");
         }
-        // The daemon alone stood still.
+        // Only the daemon stood still.
         for silence in [5 * SECOND, 20 * SECOND, 60 * SECOND, 300 * SECOND] {
             assert_eq!(continuity.whole(silence % TURN, Some(1), silence * CYCLE_NS), silence);
         }

@@ -1,4 +1,4 @@
-//! Whether a region's data still come: one transition each way, so that the log tells each once.
+//! Whether a region's data still come. Reports each change once, for the log.
 
 use crate::segment::freshness::is_old;
 

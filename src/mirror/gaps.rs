@@ -1,10 +1,10 @@
-//! How many updates lie between two that were read: the servo timer tells, exactly.
+//! How many updates the board made between two reads; the servo timer tells exactly.
 
-/// Deltas before an untold period counts as learnt.
+/// After so many steps the mirror counts a period as learnt, if the board has not told it.
 const LEARN: u64 = 32;
 /// A step that came less often among them is no period.
 const RARE: u64 = LEARN / 4;
-/// After so many updates without a told period all are forgotten, and their gaps stay uncounted.
+/// After so many updates without a period from the board the mirror forgets the steps, and their gaps stay uncounted.
 const REMEMBERED: u64 = 1 << 16;
 
 /// The known facts about the servo cycles from update to update.
@@ -12,50 +12,51 @@ const REMEMBERED: u64 = 1 << 16;
 enum Period {
     #[default]
     Unknown,
-    /// There is none: the board makes an update on request, or in its background cycle.
+    /// No period: the board makes an update on request, or in its background cycle.
     Absent,
     Cycles(u32),
 }
 
-/// Turns servo cycles passed into updates made.
+/// Turns elapsed servo cycles into numbers of updates.
 #[derive(Debug, Clone, Default)]
 pub struct UpdateCounter {
     period: Period,
-    /// The board's last answer, 0 for none.
+    /// The board's last answer; 0 for no period.
     told: u32,
-    /// While unknown: the smallest step and its count, the common divisor of all steps, their number, and their sum.
+    /// While the period is unknown: the smallest step and its count, the common divisor of all steps, their number, and
+    /// their sum.
     smallest: u64,
     smallest_seen: u64,
     divisor: u64,
     seen: u64,
     passed: u64,
-    /// The period is learnt only after the board has told one.
+    /// Learn the period only after the board has told one.
     must_be_told: bool,
 }
 
 impl UpdateCounter {
-    /// The counter for a board that may make each update when the host has taken the last: the steps are then those of
-    /// the host's own polls, and tell no period.
+    /// The counter for a board that may make each update when the host has taken the last one: the steps are then those
+    /// of the host's own polls, and tell no period.
     #[must_use]
     pub fn told() -> Self {
         Self { must_be_told: true, ..Self::default() }
     }
 
-    /// Whether any servo cycle may bring an update, as far as known.
+    /// Whether any servo cycle may bring an update.
     #[must_use]
     pub fn is_untold(&self) -> bool {
         self.must_be_told && self.period == Period::Unknown
     }
 
-    /// Takes the period in servo cycles (I19, on a Turbo I47) from the board. Cycles that passed while it was unknown
-    /// are counted with the next update. 0 is no period: every read update counts as 1.
+    /// Takes the period in servo cycles (I19, on a Turbo I47) from the board. The next update also counts the gaps of
+    /// the time while the period was unknown. 0 is no period: every read update counts as 1.
     pub fn expect_cycles(&mut self, cycles: u32) {
         self.period = if cycles == 0 { Period::Absent } else { Period::Cycles(cycles) };
         self.told = cycles;
         self.must_be_told &= cycles == 0;
     }
 
-    /// Servo cycles from update to update, as far as known.
+    /// Servo cycles from update to update, if known.
     #[must_use]
     pub fn cycles(&self) -> Option<u32> {
         match self.period {
@@ -64,8 +65,8 @@ impl UpdateCounter {
         }
     }
 
-    /// The number of updates that the board made in `passed` servo cycles, at least the read one. While the period is
-    /// unknown, gaps are uncounted; the first known period makes up for them.
+    /// The number of updates that the board made in `passed` servo cycles, the read one included. While the period is
+    /// unknown, gaps stay uncounted; the first known period makes up for them.
     pub fn updates(&mut self, passed: u64) -> u64 {
         let passed = passed.max(1);
         match self.period {
@@ -76,7 +77,7 @@ impl UpdateCounter {
             Period::Cycles(cycles) if passed.is_multiple_of(cycles.into()) => {
                 return passed / u64::from(cycles) + self.catch_up(cycles);
             }
-            // Unknown, or changed since: learn it anew.
+            // Unknown, or changed since: learn the period anew.
             Period::Cycles(_) | Period::Unknown => self.period = Period::Unknown,
         }
         if self.seen == 0 || passed < self.smallest {
@@ -98,7 +99,8 @@ impl UpdateCounter {
         let is_rare = self.smallest_seen < RARE && self.smallest != u64::from(self.told);
         if self.divisor != self.smallest || is_rare {
             // Steps that are no multiples of the smallest have no period, like those of a report by background cycles.
-            // A step that came a few times is none: it may be a single update out of turn, unless the board told it.
+            // A step that came only a few times is no period: it may be a single update out of turn, unless the board
+            // told it.
             self.forget();
             return 1;
         }
@@ -107,7 +109,7 @@ impl UpdateCounter {
         1 + self.catch_up(cycles)
     }
 
-    /// The updates not read while the period was unknown, once.
+    /// The updates that the mirror missed while the period was unknown; counted once.
     fn catch_up(&mut self, cycles: u32) -> u64 {
         let owed = (self.passed / u64::from(cycles)).saturating_sub(self.seen);
         self.forget();

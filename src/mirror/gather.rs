@@ -1,8 +1,8 @@
-//! The gather region: samples that the board gathers, as they were stored, in order (DPRAM manual p. 25-26).
+//! The gather region: the samples that the board gathers, unchanged and in order (DPRAM manual p. 25-26).
 //!
-//! The payload is described in [`crate::segment::payload::gather`]. A ring of [`SLOTS`] payloads holds more than 8 s of
-//! eight longs at 2.26 kHz; the numbers tell a later reader what it missed. The region is live while the daemon follows
-//! a gather.
+//! [`crate::segment::payload::gather`] describes the payload. A ring of [`SLOTS`] payloads holds more than 8 s of eight
+//! longs at 2.26 kHz; the numbers tell a late reader what it missed. The region is live while the daemon follows a
+//! gather.
 
 use std::time::{Duration, Instant};
 
@@ -26,7 +26,7 @@ pub const fn longest_payload(family: &Family) -> usize {
 pub const SLOTS: u32 = 4096;
 /// How often to poll for samples when there were none.
 const POLL_PERIOD: Duration = Duration::from_millis(2);
-/// So many indices in a row outside the buffer are no disturbance.
+/// After so many indices in a row outside the buffer the buffer is another one; fewer may be a disturbance.
 const STRAYS: u32 = 3;
 
 /// The region in the segment. A gather may pause, so its samples never grow stale.
@@ -43,7 +43,7 @@ pub fn region(family: &Family) -> RegionSpec {
     }
 }
 
-/// By which clock the board's turns in its buffer are counted.
+/// The clock that counts the board's turns in its buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GatherClock {
     /// The servo report's timer, while that report runs.
@@ -60,14 +60,14 @@ impl GatherClock {
     }
 }
 
-/// Why a gather cannot be followed.
+/// Why the daemon cannot follow a gather.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NotFollowed {
     /// The board's family has no such buffer, or the daemon could not read it.
     #[error(transparent)]
     Buffer(#[from] GatherError),
-    /// There are samples already.
+    /// The board has samples already.
     #[error("gathering runs already: follow it between DEFINE GATHER and GATHER")]
     Runs,
     /// The words that the daemon read are inconclusive.
@@ -80,15 +80,15 @@ pub enum NotFollowed {
         place.size, place.index
     )]
     NotTheBuffer {
-        /// The size that was defined.
+        /// The defined size.
         size: u32,
-        /// Where the board should have its words.
+        /// The place of the board's gather words.
         place: GatherPlace,
         /// The word at the size's place.
         found: u16,
         /// The word at the index's place.
         index: u16,
-        /// The I-variable that says where the board gathers.
+        /// The I-variable for the place where the board gathers.
         mode: u16,
     },
 }
@@ -96,7 +96,7 @@ pub enum NotFollowed {
 /// Counts servo cycles.
 struct Cycles {
     clock: GatherClock,
-    /// The servo report, by whose timer they are counted.
+    /// The servo report with the timer that counts.
     report: &'static ServoBlock,
     timer: ServoTimer,
     time: Clock,
@@ -105,7 +105,7 @@ struct Cycles {
 /// Follows one gather at a time.
 pub struct GatherMirror {
     family: &'static Family,
-    /// The gather that is followed.
+    /// The followed gather.
     reader: Option<GatherReader>,
     cycles: Cycles,
     number: u32,
@@ -132,7 +132,7 @@ impl GatherMirror {
     }
 
     /// Follows the gather of `buffer` from its first sample on. Call this between `DEFINE GATHER` and `GATHER`. The
-    /// inner error says why the daemon cannot follow it; the daemon goes on with the gather before.
+    /// inner error says why the daemon cannot follow it; the daemon then goes on with the previous gather.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -181,7 +181,7 @@ impl GatherMirror {
         }
     }
 
-    /// The board is another one, or was reset: its gather is gone.
+    /// The daemon has another board now, or the board was reset: its gather is gone.
     pub fn reset(&mut self, publisher: &mut Publisher) {
         if self.reader.is_some() {
             self.publish(GatherPhase::Redefined, None, publisher);
@@ -194,7 +194,7 @@ impl GatherMirror {
         publisher.set_region_state(RegionId::Gather, RegionState::Off);
     }
 
-    /// When to poll next; `None` while nothing is followed.
+    /// When to poll next; `None` while the mirror follows no gather.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
         self.reader.is_some().then_some(self.next_poll)
@@ -214,7 +214,7 @@ impl GatherMirror {
         let found = self.cycles.poll(bus, reader)?;
         let (phase, first) = match found {
             GatherPoll::Samples { first, .. } => (GatherPhase::Running, Some(first)),
-            // Once it may be a disturbance on the bus.
+            // A single one may be a disturbance on the bus.
             GatherPoll::OutOfRange { .. } if self.strays + 1 >= STRAYS => (GatherPhase::Redefined, None),
             GatherPoll::Idle | GatherPoll::Disturbed | GatherPoll::OutOfRange { .. } => {
                 let strays = matches!(found, GatherPoll::OutOfRange { .. });
@@ -257,7 +257,7 @@ impl Cycles {
         Self { clock, report, timer: ServoTimer::new(report.timer.bits()), time }
     }
 
-    /// Polls `reader` by these cycles.
+    /// Polls `reader`, counting these cycles.
     fn poll(&mut self, bus: &mut impl Bus, reader: &mut GatherReader) -> Result<GatherPoll, BusError> {
         reader.poll(bus, |bus| match self.clock {
             GatherClock::Report => report_cycles(bus, self.report, &mut self.timer),

@@ -14,7 +14,7 @@ use crate::map::{BusyRule, Motors, Selection, ServoBlock, WholeBoard};
 use crate::segment::freshness::limit_ns;
 use crate::segment::{BlockPlace, Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
-/// How often a torn copy is made again at once, before the next poll.
+/// How often the mirror repeats a torn copy at once, before the next poll.
 const COPIES: usize = 3;
 /// Stretches of Host-Busy remembered between two updates.
 const HOLDS: usize = 16;
@@ -41,17 +41,17 @@ pub fn region(block: &ServoBlock) -> RegionSpec {
     }
 }
 
-/// Mirrors the servo fixed data.
+/// Mirrors the servo report.
 pub struct ServoMirror {
     block: &'static ServoBlock,
     time: Clock,
-    /// Which motors the report has, and what it says of them.
+    /// The reader, which knows the report's motors and what it says of them.
     pub reader: ServoReader,
     clock: UpdateClock,
     timer: ServoTimer,
     continuity: Continuity,
     gaps: UpdateCounter,
-    /// Whether updates come, and after which time they are stale.
+    /// Whether updates come, and when they are stale.
     pub freshness: Freshness,
     last_poll_ns: u64,
     /// The period in the segment.
@@ -60,14 +60,14 @@ pub struct ServoMirror {
     clocks_before: u64,
     /// Since the last update taken: when Host-Busy was set, from and to.
     holds: VecDeque<(u64, u64)>,
-    /// The board was found reset; reported once.
+    /// The mirror has found the board reset; reported once.
     was_reset: bool,
     /// Updates published so far.
     updates: u64,
-    /// A servo cycle and the report's period in servo cycles, by the board.
+    /// The length of a servo cycle, and the report's period in servo cycles, by the board.
     cycle_ns: Option<u64>,
     cycles: Option<u32>,
-    /// The board makes an update in the servo cycle after the last one was taken.
+    /// The board makes an update in the servo cycle after the host has taken the last one.
     on_request: bool,
 }
 
@@ -82,7 +82,7 @@ impl ServoMirror {
             clock: UpdateClock::default(),
             timer: ServoTimer::new(block.timer.bits()),
             continuity: Continuity::new(block.timer.bits()),
-            // Only boards that say when data are ready can wait until they are taken.
+            // Only boards that say when data are ready can wait until the host has taken them.
             gaps: match block.busy {
                 BusyRule::ClearWhileWriting => UpdateCounter::told(),
                 BusyRule::SetWhileWriting => UpdateCounter::default(),
@@ -108,8 +108,8 @@ impl ServoMirror {
         ServoReader::release(self.block, bus)
     }
 
-    /// Takes what the board said: the motors it reports, its servo period, and the report's period
-    /// in servo cycles, 0 where it has none.
+    /// Takes the board's answers: the motors it reports, its servo period, and the report's period in servo cycles, 0
+    /// if it has none.
     pub fn configure(&mut self, motors: Motors, servo_period_ns: Option<u64>, cycles: Option<u32>) {
         self.reader.set_motors(motors);
         if let Some(cycles) = cycles
@@ -124,7 +124,7 @@ impl ServoMirror {
         self.expect_period();
     }
 
-    /// Takes note of whether the board makes each update when the last one was taken, in the next servo cycle (Turbo User
+    /// Sets whether the board makes each update in the servo cycle after the host has taken the last one (Turbo User
     /// Manual p. 403: I47=0).
     pub fn set_on_request(&mut self, on_request: bool) {
         if self.on_request != on_request {
@@ -135,8 +135,8 @@ impl ServoMirror {
         }
     }
 
-    /// Tells the clock the board's period. On request that is one servo cycle: the clock must not learn it, or it would learn
-    /// how often it polls.
+    /// Tells the clock the board's period. On request the period is one servo cycle; the clock must not learn it, or it
+    /// would learn how often it polls itself.
     fn expect_period(&mut self) {
         let cycles = if self.on_request { Some(1) } else { self.cycles.filter(|cycles| *cycles > 0) };
         if let (Some(period), Some(cycles)) = (self.cycle_ns, cycles) {
@@ -156,19 +156,19 @@ impl ServoMirror {
         self.freshness.is_live()
     }
 
-    /// What the servo data say of the whole board; `None` while none come that tell.
+    /// The facts about the whole board in the servo data; `None` while no data come, or if they do not tell.
     #[must_use]
     pub fn whole_board(&self) -> Option<WholeBoard> {
         self.reader.whole_board().filter(|_| self.is_live())
     }
 
-    /// The motors whose loop is open, as far as the servo data tell: none while no data come.
+    /// The motors whose loop is open, by the servo data: none while no data come.
     #[must_use]
     pub fn open_loops(&self) -> Motors {
         if self.is_live() { self.reader.open_loops() } else { Motors::NONE }
     }
 
-    /// Which motors move, as far as the servo data tell: nothing is known while no data come.
+    /// The motors that move, by the servo data: unknown while no data come.
     #[must_use]
     pub fn motion(&self) -> Motion {
         if self.is_live() { self.reader.motion() } else { Motion::default() }
@@ -180,14 +180,14 @@ impl ServoMirror {
         self.updates
     }
 
-    /// Starts over, as with another board: what lies in the buffer now is old.
+    /// Starts over, as with another board: the data in the buffer now are old.
     pub fn reset(&mut self) {
         self.reader.reset();
         self.timer.reset();
         self.continuity.reset();
     }
 
-    /// The report is not used any more: what was seen of it says nothing about the board.
+    /// The daemon stops using the report: the mirror's knowledge of it says nothing about the board.
     pub fn end(&mut self, publisher: &Publisher) {
         self.reset();
         self.freshness.end();
@@ -243,7 +243,7 @@ impl ServoMirror {
         Ok(transition)
     }
 
-    /// Whether this thread did not poll until `now_ns` for as long as data may be old.
+    /// Whether this thread made no poll before `now_ns` for as long as it takes data to become old.
     fn stood_still(&self, now_ns: u64) -> bool {
         now_ns.saturating_sub(self.last_poll_ns) >= self.freshness.limit_ns()
     }
@@ -266,10 +266,10 @@ impl ServoMirror {
         let passed = self.continuity.whole(passed, self.gaps.cycles(), time_ns);
         // While the board reported nothing, it made no update that the mirror could have missed.
         let updates = if was_live { self.gaps.updates(passed) } else { 1 };
-        // The clock keeps to the servo cycles where each of them may bring an update.
+        // The clock follows servo cycles while each of them may bring an update.
         let every_cycle = self.on_request || self.gaps.is_untold();
         let steps = if every_cycle && was_live { passed } else { updates };
-        // The board may have stood still meanwhile, as this thread did: that tells no length of a cycle.
+        // The board may have stood still together with this thread: then the time tells no length of a cycle.
         let went_on = was_live && self.continuity.since_last(time_ns) < self.freshness.limit_ns();
         self.continuity.on_update(time_ns, went_on.then_some(passed));
         publisher.publish(RegionId::Servo, Stamp { time_ns, servo_timer, valid: true }, self.reader.image());
@@ -287,12 +287,12 @@ impl ServoMirror {
         if transition.is_some() {
             publisher.set_region_state(RegionId::Servo, RegionState::Live);
         }
-        // Without a told period, the clock keeps to servo cycles.
+        // While the board has told no period, the clock follows servo cycles.
         self.follow_period(publisher, if self.gaps.is_untold() { passed } else { 1 });
         transition
     }
 
-    /// Whether the board was found reset since the last call.
+    /// Whether the mirror has found the board reset since the last call.
     pub fn take_reset(&mut self) -> bool {
         std::mem::take(&mut self.was_reset)
     }
@@ -307,8 +307,8 @@ impl ServoMirror {
         }
     }
 
-    /// How many of the `not_read` updates before the last one were due while Host-Busy was set. An estimate: when an
-    /// update was due is known no better than the clock knows it.
+    /// How many of the `not_read` updates before the last one were due while Host-Busy was set. An estimate: only the
+    /// clock says when they were due.
     fn skipped(&mut self, not_read: u64) -> u64 {
         let holds = self.holds.drain(..);
         match (self.clock.update_ns(), self.clock.period_ns()) {
@@ -324,10 +324,10 @@ impl ServoMirror {
     /// periods.
     fn follow_period(&mut self, publisher: &Publisher, clocks: u64) {
         let Some(period) = self.clock.period_ns() else { return };
-        // A single pause, or a long one, says nothing of the updates behind it.
+        // A single pause, or a long one, says nothing about the updates after it.
         let whole = period.saturating_mul(clocks.min(std::mem::replace(&mut self.clocks_before, clocks)));
         let period = if (STALE_NS / 10..=LONGEST_PERIOD_NS).contains(&whole) { whole } else { period };
-        // The learnt period wavers by less.
+        // A learnt period wavers by less.
         if period.abs_diff(self.published_period_ns) > self.published_period_ns / 512 {
             self.published_period_ns = period;
             self.freshness.set_limit(limit_ns(STALE_NS, period));

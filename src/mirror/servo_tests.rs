@@ -1,5 +1,5 @@
-//! A Turbo PMAC2's motor report, from its DPRAM to named values: the proof that the family is data. The test
-//! plays PMAC by hand, after the Turbo User Manual pp. 402-403.
+//! A Turbo PMAC2's motor report, from its DPRAM to named values: the proof that the family is data. The test plays PMAC
+//! by hand, after the Turbo User Manual pp. 402-403.
 
 use super::*;
 use crate::clock::ManualTime;
@@ -15,7 +15,7 @@ const MASK: u32 = 1 | 1 << 2 | 1 << 31;
 const MOTORS: [usize; 3] = [1, 3, 32];
 /// The servo period at I10=3713991, the default of a Turbo PMAC2 (Turbo Software Reference p. 402).
 const CYCLE_NS: u64 = 442_742;
-/// What nobody wrote.
+/// The value of words that no side wrote.
 const GARBAGE: u16 = 0x5A5A;
 
 struct Rig {
@@ -86,7 +86,7 @@ impl Rig {
         }
     }
 
-    /// One poll, a servo cycle after the last one, and the accesses it took.
+    /// One poll, a servo cycle after the last one, and its bus accesses.
     fn poll(&mut self) -> (Option<Transition>, u64) {
         self.time.advance(Duration::from_nanos(CYCLE_NS));
         let before = self.bus.accesses();
@@ -94,7 +94,7 @@ impl Rig {
         (transition, self.bus.accesses() - before)
     }
 
-    /// What a client makes of the latest sample.
+    /// A client's view of the latest sample.
     fn latest(&self) -> Option<(Stamp, ServoData)> {
         let mut sample = Sample::new();
         self.subscriber.latest(RegionId::Servo, &mut sample).unwrap()?;
@@ -171,7 +171,7 @@ fn nothing_is_taken_while_a_turbo_pmac_writes() {
         rig.put(0x006E, 1 << 15);
         rig.poll();
         assert_eq!(rig.latest().unwrap().1.servo_timer, 6);
-        // A board that is not there reads as all ones.
+        // An absent board reads as all ones.
         rig.put(0x006E, u16::MAX);
         assert_eq!(rig.poll(), (None, 1));
     }
@@ -191,7 +191,7 @@ fn other_motors_than_before_leave_nothing_of_those_before() {
     assert_eq!(data.motors.iter().map(|motor| motor.motor).collect::<Vec<_>>(), [3]);
     let mut sample = Sample::new();
     rig.subscriber.latest(RegionId::Servo, &mut sample).unwrap();
-    // 6 words of head, then three blocks; the first two were not read.
+    // 6 words of head, then three blocks; the mirror did not read the first two.
     assert_eq!(sample.words().len(), 6 + 3 * 24);
     assert!(sample.words()[6..6 + 2 * 24].iter().all(|word| *word == 0));
 }
@@ -234,7 +234,7 @@ fn a_board_that_was_reset_gets_its_mask_again() {
     }
     let mask = |rig: &mut Rig| [0x0070, 0x0072].map(|at| rig.bus.read16(HostOffset::new(at)).unwrap());
     let told = mask(&mut rig);
-    // It comes back with what was in its memory at power-on.
+    // The board comes back with the words that its memory had at power-on.
     rig.put(0x0070, 0x9B0C);
     rig.put(0x0072, 0xB0DE);
     rig.mirror.reader.mask_is_lost();
@@ -263,7 +263,7 @@ fn what_the_board_made_under_the_mask_as_found_is_not_taken_for_motors_that_came
     };
     let [(before, first), after] = [shown(&rig), {
         rig.mirror.reader.keep_as_found(false);
-        // This one lies there before the mask is written.
+        // This report is there before the host writes the mask.
         rig.update(3);
         rig.poll();
         shown(&rig)
@@ -283,7 +283,7 @@ fn a_motor_that_another_host_had_taken_out_of_the_mask_comes_back_with_the_next_
         rig.poll();
     }
     rig.put(0x0072, 0);
-    // It lies there with what was motor 32's before.
+    // This report has motor 32's old words.
     rig.update(3);
     rig.mirror.configure(Motors::from_bits(MASK), Some(CYCLE_NS), Some(1));
     rig.poll();
@@ -357,8 +357,8 @@ fn addresses_of_a_turbo_pmac_go_both_ways() {
 #[test]
 fn a_report_made_in_the_background_or_on_request_misses_nothing() {
     let mut rig = Rig::new(ServoReading::Optimistic);
-    // Section 4: with I57=1 "when more than I50 servo cycles have passed since the last copy", with I47=0 when the host has
-    // taken the last one. What the daemon was told before no longer counts.
+    // Section 4: with I57=1 "when more than I50 servo cycles have passed since the last copy", with I47=0 when the host
+    // has taken the last one. The daemon's old period no longer counts.
     rig.mirror.configure(Motors::from_bits(MASK), Some(CYCLE_NS), Some(0));
     let mut timer = 1000;
     rig.update(timer);
@@ -380,7 +380,7 @@ fn a_report_made_in_the_background_or_on_request_misses_nothing() {
 #[test]
 fn a_report_on_request_comes_every_servo_cycle_for_as_long_as_it_is_taken() {
     // With I47=0 PMAC looks every servo cycle, and copies once the host has cleared Data-Ready (Turbo User Manual p. 403).
-    // The board tells I47 before the first update, or in the middle. A poll wakes up late, at times very late.
+    // The daemon learns I47 before the first update, or in the middle. A poll wakes up late, at times very late.
     const CYCLES: u64 = 20_000;
     let late = [400_000, 90_000, 2_000_000, 20_000, 900_000];
     for told_at in [0, CYCLES / 2, CYCLES] {
@@ -415,7 +415,7 @@ fn a_report_on_request_comes_every_servo_cycle_for_as_long_as_it_is_taken() {
         }
         let taken = rig.mirror.updates() - last_quarter;
         assert!(taken > CYCLES / 4 * 19 / 20, "told at {told_at}: {taken} of {} cycles", CYCLES / 4);
-        // One lay there when the mask became another one.
+        // An update was there when the mask changed.
         assert_eq!(rig.counter(Counter::Missed), u64::from(told_at == CYCLES / 2), "told at {told_at}");
     }
 }

@@ -1,4 +1,4 @@
-//! The site's own words: read at a rate, or behind each servo update, and published as they are.
+//! The site's own words: read at a rate, or after each servo update, and published unchanged.
 
 use crate::device::{Bus, BusError};
 use crate::function::user_words::UserWordsReader;
@@ -11,16 +11,16 @@ use crate::segment::{BlockPlace, Publisher, RegionId, RegionSpec, RegionState, S
 const STALE_NS: u64 = 1_000_000_000;
 /// How soon to read words again that the board was writing.
 const AGAIN_NS: u64 = 200_000;
-/// For so long the daemon reads words again that the board is writing: a site whose program has stopped with an odd guard
-/// costs no more of the bus.
+/// How long the daemon repeats the reading of words that the board is writing: a site's program that has stopped with
+/// an odd guard must not cost more of the bus.
 const AGAIN_FOR_NS: u64 = 10_000_000;
-/// Samples in the ring where each servo update brings one.
+/// Samples in the ring at one sample a servo update.
 const SERVO_SLOTS: u32 = 4096;
 
-/// When the words are read.
+/// When the mirror reads the words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum UserRate {
-    /// Behind each servo update.
+    /// After each servo update.
     Servo,
     /// Once in so many nanoseconds.
     EveryNs(u64),
@@ -35,7 +35,7 @@ impl UserRate {
     }
 }
 
-/// The regions in the segment: the words' values, and their names. None without words.
+/// The regions in the segment: the words' values and their names. Empty without words.
 #[must_use]
 pub fn regions(words: &[UserWord], rate: UserRate) -> Vec<RegionSpec> {
     if words.is_empty() {
@@ -67,15 +67,15 @@ pub struct UserMirror {
     reader: UserWordsReader,
     rate: UserRate,
     payload: Box<[u16]>,
-    /// The servo updates seen.
+    /// The number of the last seen servo update.
     updates: u64,
-    /// When the sample was planned that comes next.
+    /// The planned time of the next sample.
     planned_ns: u64,
     due_ns: u64,
 }
 
 impl UserMirror {
-    /// A mirror of `words`, which are there from the beginning of `publisher`'s segment.
+    /// A mirror of `words`; publishes their names at once.
     #[must_use]
     pub fn new(words: &[UserWord], rate: UserRate, publisher: &mut Publisher, now: u64) -> Self {
         if !words.is_empty() {
@@ -87,7 +87,7 @@ impl UserMirror {
         Self { reader: UserWordsReader::new(words), rate, payload, updates: 0, planned_ns: now, due_ns: now }
     }
 
-    /// When to read next; `None` where there are no words, or servo updates say when.
+    /// When to read next; `None` without words, or when servo updates set the time.
     #[must_use]
     pub fn due_ns(&self) -> Option<u64> {
         (self.rate != UserRate::Servo && !self.reader.words().is_empty()).then_some(self.due_ns)
@@ -99,7 +99,8 @@ impl UserMirror {
         self.rate.period_ns() / 8
     }
 
-    /// The servo report has come to its update number `updates`.
+    /// Takes the number of servo updates so far; after a new one, reads and publishes the words if they follow the
+    /// servo report.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -118,7 +119,8 @@ impl UserMirror {
         Ok(())
     }
 
-    /// Reads the words and publishes them. If the board is just writing some, it reads all of them again soon, for half a period at most.
+    /// Reads the words and publishes them. If the board is writing some of them, the mirror first tries again, for half
+    /// a period at most.
     ///
     /// # Errors
     /// When the bus cannot be reached.

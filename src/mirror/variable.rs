@@ -1,6 +1,6 @@
-//! The variable region: registers of the user's choice that PMAC copies in the background, published with their own table.
+//! The variable region: the users' registers that PMAC copies in the background, published with their table.
 //!
-//! The payload is described in [`crate::segment::payload::variable`].
+//! [`crate::segment::payload::variable`] describes the payload.
 
 use std::time::{Duration, Instant};
 
@@ -23,12 +23,13 @@ pub const PAYLOAD_WORDS: usize = variable::payload_words(VARIABLE_READ_ENTRIES);
 const TIMER_BITS: u32 = 16;
 /// How often to poll for new values; PMAC's background cycle takes some milliseconds.
 const POLL_PERIOD: Duration = Duration::from_millis(2);
-/// The shortest time between polls while there is work to go on with.
+/// The shortest time between polls while the reader has work left.
 const BUSY_POLL_PERIOD: Duration = Duration::from_micros(50);
 /// Without new values for this long the region is stale, in ns.
 const STALE_NS: u64 = 1_000_000_000;
 
-/// Without a reading of the servo timer for this long, its 16 bits may have gone round, in ns: at 20 kHz they do after 3.3 s.
+/// After this long without a reading of the servo timer, its 16 bits may have gone round, in ns: at 20 kHz they do
+/// after 3.3 s.
 const TURN_NS: u64 = 3_000_000_000;
 
 /// Samples in the ring: a second at the rate of a PMAC's background, for readers that sleep.
@@ -54,7 +55,7 @@ pub struct VariableMirror {
     reader: VariableReader,
     mode: VariableMode,
     timer: ServoTimer,
-    /// When it was read last; CLOCK_MONOTONIC.
+    /// When the mirror last read the timer; CLOCK_MONOTONIC.
     timer_read_ns: u64,
     table: u32,
     payload: [u16; PAYLOAD_WORDS],
@@ -63,7 +64,7 @@ pub struct VariableMirror {
 }
 
 impl VariableMirror {
-    /// A mirror that uses the words the layout keeps for it and has no table.
+    /// A mirror without a table, which uses the layout's words for it.
     #[must_use]
     pub fn new(layout: &BufferLayout, mode: VariableMode, time: Clock) -> Self {
         let family = layout.family();
@@ -80,7 +81,8 @@ impl VariableMirror {
         }
     }
 
-    /// Stops the function, whichever host started it. Called at the start and on every way out. 2 writes.
+    /// Stops the function, whichever host started it. The daemon calls this at its start and on every way out. 2
+    /// writes.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -91,7 +93,7 @@ impl VariableMirror {
     /// Replaces the table; an empty one stops the function.
     ///
     /// # Errors
-    /// A table that cannot be, or a bus out of reach.
+    /// An impossible table, or a bus out of reach.
     pub fn begin(
         &mut self,
         bus: &mut impl Bus,
@@ -122,13 +124,13 @@ impl VariableMirror {
         let count = self.reader.entries().len();
         table[..count].copy_from_slice(self.reader.entries());
         match self.begin(bus, &table[..count], publisher, now) {
-            // The table has been accepted before.
+            // The reader accepted this table before.
             Ok(()) | Err(VariableReadBusError::Refused(_)) => Ok(()),
             Err(VariableReadBusError::Bus(error)) => Err(error),
         }
     }
 
-    /// The number of the present table, as the region's payload tells it.
+    /// The number of the present table, as in the region's payload.
     #[must_use]
     pub const fn table(&self) -> u32 {
         self.table

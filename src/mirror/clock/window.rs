@@ -1,4 +1,4 @@
-//! The earliest finds of a window of updates, and the board's period and phase in them.
+//! The earliest finds in a window of updates, and what they tell of the board's period and phase.
 //!
 //! A poll finds an update late by any amount, and never early. So the earliest finds count, as the lower hull of
 //! one-way delays gives the skew of two clocks. An empty poll bounds an update from below.
@@ -7,7 +7,7 @@
 const SHORTEST_FIND_WINDOW: u32 = 8;
 const LONGEST_FIND_WINDOW: u32 = 64;
 
-/// A find: how many updates after the window's start, and how late if the period were right.
+/// A find: the number of updates since the window's start, and how late it is if the assumed period is right.
 #[derive(Debug, Clone, Copy)]
 struct Find {
     updates: f64,
@@ -18,12 +18,12 @@ struct Find {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct FoundUpdate {
     pub find_ns: f64,
-    /// So many after the last one.
+    /// How many updates after the last find.
     pub updates: f64,
     pub due_ns: f64,
-    /// The last poll before it, which was empty.
+    /// The last empty poll before the find.
     pub empty_ns: Option<f64>,
-    /// The first poll for it came before it was due.
+    /// The first poll for the update came before it was due.
     pub was_early: bool,
 }
 
@@ -68,7 +68,7 @@ impl Window {
         Self { length, start_ns, find_ns: f64::INFINITY, empty_ns: f64::NEG_INFINITY, ..Self::default() }
     }
 
-    /// Takes the find of an update, where the board's period is taken for `period_ns`.
+    /// Takes the find of an update; `period_ns` is the assumed period.
     pub fn add(&mut self, found: FoundUpdate, period_ns: f64) {
         let FoundUpdate { find_ns, updates, due_ns, empty_ns, was_early } = found;
         self.updates += updates;
@@ -80,7 +80,8 @@ impl Window {
         } else if self.finds >= self.length - self.length / 4 {
             self.last = earlier(self.last);
         }
-        // Halves, because empty first polls may come a window apart, and keep its time: never one in the first quarter.
+        // Halves, because empty first polls may come a window apart, and at regular times: perhaps never in the first
+        // quarter.
         let bounded =
             if self.finds < self.length / 2 { &mut self.first_bounded } else { &mut self.last_bounded };
         *bounded |= was_early;
@@ -94,13 +95,13 @@ impl Window {
         self.finds >= self.length
     }
 
-    /// Whether the finds have come earlier by more than that, from the first quarter to the last. Hold-ups make them late, never
-    /// early.
+    /// Whether the finds have come earlier by more than `ns` from the first quarter to the last. Hold-ups only make
+    /// finds late, never early.
     pub fn is_earlier_by(&self, ns: f64) -> bool {
         self.first.zip(self.last).is_some_and(|(first, last)| first.late_ns - last.late_ns > ns)
     }
 
-    /// The part of a change of the period to take: all of it after a short window, half after the longest.
+    /// How much of a change of the period to take: all of it after a short window, half after the longest.
     pub fn gain(&self) -> f64 {
         if self.length < LONGEST_FIND_WINDOW { 1.0 } else { 0.5 }
     }
@@ -110,7 +111,7 @@ impl Window {
         self.first_bounded && self.last_bounded
     }
 
-    /// By how much the board's period is longer than the one used so far.
+    /// How much longer the board's period is than the assumed one.
     pub fn period_change_ns(&self) -> f64 {
         match (self.first, self.last) {
             (Some(first), Some(last)) => (last.late_ns - first.late_ns) / (last.updates - first.updates),
@@ -118,8 +119,8 @@ impl Window {
         }
     }
 
-    /// By how much the grid is too early, at least: a poll after it was empty. An update that the board made late looks
-    /// the same, so the earliest find limits the shift.
+    /// The grid is too early by at least this: a poll after it was empty. An update that the board made late looks the
+    /// same, so the earliest find limits the shift.
     pub fn shift_ns(&self) -> f64 {
         self.empty_ns.min(self.find_ns).max(0.0)
     }
