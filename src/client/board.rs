@@ -23,23 +23,23 @@ use crate::segment::{
     Subscriber, WaitOutcome,
 };
 
-/// How long a wait sleeps before it looks whether a new daemon has appeared.
+/// How long a wait sleeps before it looks for a new daemon.
 const REATTACH: Duration = Duration::from_millis(100);
 
-/// The board's data cannot be had.
+/// The board's data are not available.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ClientError {
-    /// The segment cannot be attached to or read.
+    /// This process cannot attach to the segment, or cannot read it.
     #[error(transparent)]
     Segment(#[from] SegmentError),
-    /// The segment's data are not those of the board it names.
+    /// The segment's data belong to another board than the named one.
     #[error("the segment's data cannot be decoded: {0}; use programs of one release")]
     Decode(#[from] TooShort),
-    /// The daemon does not tell which board it has.
+    /// The daemon does not say which board it has.
     #[error(transparent)]
     Socket(#[from] CommandError),
-    /// The board's data are laid out in a way that is not known here.
+    /// This version does not know the layout of the board's data.
     #[error("the board's family (number {0}) is not known to this program; use a newer one")]
     Family(u32),
 }
@@ -51,10 +51,10 @@ pub fn socket_path(name: &SegmentName) -> PathBuf {
     socket_place::socket_path(name.as_str())
 }
 
-/// Everything the segment has, at one moment.
+/// All data of the segment at one moment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Snapshot {
-    /// The board's identity, as far as the segment knows it.
+    /// The board's identity, as far as the segment has it.
     pub identity: Identity,
     /// Servo data; `None` before the first.
     pub servo: Option<View<ServoData>>,
@@ -62,12 +62,13 @@ pub struct Snapshot {
     pub background: Option<View<BackgroundData>>,
     /// The site's own words; `None` before the first, and where the configuration names none.
     pub user: Option<View<UserData>>,
-    /// Why nothing here is live, whatever the regions say.
+    /// Why no data here are live, whatever the regions say.
     pub stale: Option<Staleness>,
 }
 
 impl Snapshot {
-    /// The first report with old data, and why they are old. A report that the board does not make is no fault.
+    /// The first report with old data, and why its data are old. A report that the board does not make counts as no
+    /// fault.
     #[must_use]
     pub fn old(&self) -> Option<(&'static str, Staleness)> {
         let servo = self.servo.as_ref().and_then(|view| Some(("servo", view.stale?)));
@@ -79,11 +80,11 @@ impl Snapshot {
 /// A stretch of past data.
 #[derive(Debug, Clone, PartialEq)]
 pub struct History<T = ServoData> {
-    /// The samples that the segment still has, oldest first.
+    /// The samples that the segment still had, oldest first.
     pub samples: Vec<View<T>>,
-    /// How many samples of the stretch asked for were overwritten already. Exact.
+    /// How many samples of the requested stretch the daemon had overwritten already. Exact.
     pub lost: u64,
-    /// The number to ask for next.
+    /// The number to continue with.
     pub next: u64,
 }
 
@@ -105,7 +106,7 @@ impl Board {
     /// Attaches to the board called `name`, as in `--name`: `pmac0`.
     ///
     /// # Errors
-    /// [`ClientError::Segment`] without such a segment, or if this process must not trust it.
+    /// [`ClientError::Segment`] without such a segment, or with a segment that this process must not trust.
     pub fn attach(name: &str) -> Result<Self, ClientError> {
         Self::attach_in(Path::new(DIRECTORY), name)
     }
@@ -162,18 +163,18 @@ impl Board {
         &self.socket
     }
 
-    /// The segment, for data without a method here. A restart of the daemon puts another segment in its place.
+    /// The segment, for data without a method here. After a restart of the daemon another segment takes its place.
     #[must_use]
     pub fn subscriber(&self) -> &Subscriber {
         &self.subscriber
     }
 
-    /// Attaches to the segment under the board's name if it differs from this one and gives more: the segment of a new
-    /// daemon, or the same daemon's after a new publication. Every other method that reads does this first. A copy or a
-    /// directory under the name takes no reader away from a living segment.
+    /// Attaches to the segment under the board's name if that segment is another one and gives more: a new daemon's, or
+    /// the same daemon's after a new publication. Every other method that reads does this first. A copy or a directory
+    /// under the name takes no reader away from a living segment.
     ///
     /// # Errors
-    /// [`ClientError::Segment`] if there is a new daemon's segment and this process cannot attach to it.
+    /// [`ClientError::Segment`] if this process cannot attach to a new daemon's segment.
     pub fn refresh(&mut self) -> Result<Condition, ClientError> {
         let condition = self.subscriber.condition();
         if !condition.is_over() {
@@ -200,10 +201,10 @@ impl Board {
         }
     }
 
-    /// The board's identity, as far as the segment knows it.
+    /// The board's identity, as far as the segment has it.
     ///
     /// # Errors
-    /// [`ClientError::Segment`] when the segment is corrupt.
+    /// [`ClientError::Segment`] for a corrupt segment.
     pub fn identity(&mut self) -> Result<Identity, ClientError> {
         Ok(self.identified()?.identity.clone())
     }
@@ -227,7 +228,7 @@ impl Board {
         Ok(self.identified.insert(known))
     }
 
-    /// Everything that the segment has now, in a fixed number of system calls.
+    /// All data of the segment now, in a fixed number of system calls.
     ///
     /// # Errors
     /// [`ClientError`] if the segment is corrupt or its board's family unknown here. Old data are no error.
@@ -252,7 +253,7 @@ impl Board {
     /// The number of the latest servo sample; 0 before the first.
     ///
     /// # Errors
-    /// [`ClientError::Segment`] when the segment has no servo data.
+    /// [`ClientError::Segment`] for a segment without servo data.
     pub fn servo_sequence(&self) -> Result<u64, ClientError> {
         Ok(self.subscriber.published(RegionId::Servo)?)
     }
@@ -321,10 +322,10 @@ impl Board {
         Ok(History { samples, lost: cursor.lost(), next: cursor.position() })
     }
 
-    /// The connection to the daemon, made when it is first asked for, and anew in a forked child.
+    /// The connection to the daemon. The first call makes it; a forked child makes its own.
     ///
     /// # Errors
-    /// [`CommandError::Connect`]; [`CommandError::OtherBoard`] when the daemon there has another board than this.
+    /// [`CommandError::Connect`]; [`CommandError::OtherBoard`] if the daemon there has another board.
     pub fn connection(&mut self) -> Result<&mut Connection, CommandError> {
         let connection = match self.connection.take() {
             Some(connection) if connection.check_process().is_ok() => connection,
@@ -334,7 +335,7 @@ impl Board {
     }
 
     /// Sends one command line through the daemon; see [`Connection::send`]. The line enters a program buffer only if
-    /// this process has opened that by this method; see [`OwnBuffer`].
+    /// this process has opened the buffer by this method; see [`OwnBuffer`].
     ///
     /// # Errors
     /// [`CommandError`].
@@ -398,7 +399,7 @@ struct Identified {
     generation: u64,
     sequence: u64,
     identity: Identity,
-    /// `None`: the board's family is not known here.
+    /// `None`: this version does not know the board's family.
     decoder: Option<Decoder>,
 }
 

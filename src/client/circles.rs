@@ -11,10 +11,11 @@ use crate::protocol::answer;
 /// Time limit of the question.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
 
-/// Whether `text` makes circles: `CIRCLE1`, `CIR2`, `CIRCLE 1`, and `G2` or `G03`, which call `CIRCLE` in the board's PROG 1000.
+/// Whether `text` commands circles: `CIRCLE1`, `CIR2`, `CIRCLE 1`, and `G2` or `G03`, which call `CIRCLE` in the
+/// board's PROG 1000.
 #[must_use]
 pub fn is_circle(text: &str) -> bool {
-    // Text in quotes is a program's message.
+    // Text in quotes is a message of the program.
     text.to_ascii_uppercase().split('"').step_by(2).any(|part| {
         let mut words = part.match_indices("CIR").map(|(at, word)| &part[at + word.len()..]);
         let mut codes = part.match_indices('G').filter(|(at, _)| !part[..*at].ends_with("PRO"));
@@ -27,8 +28,8 @@ pub fn is_circle(text: &str) -> bool {
     })
 }
 
-/// The warning for the circle at `place`, if the board would not make a circle in `system`, or, without one, in any
-/// system. `None` if the board cannot be asked.
+/// The warning for the circle at `place`, if the board would not make a circle in `system` (without `system`: in any
+/// system). `None` if the board does not answer.
 pub fn warning(connection: &mut Connection, place: impl Display, system: Option<u32>) -> Option<String> {
     let family = Family::by_name(&connection.info().ok()?.family).ok()?;
     let systems = match system {

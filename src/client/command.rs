@@ -1,10 +1,10 @@
 //! Commands to the board, through the daemon's socket.
 //!
-//! Every call is bounded: by the time-out the caller gives the board, plus a second for the daemon to say so. A call
-//! that ran into a time-out leaves its late reply behind, so the next call uses a new connection.
+//! Every call is bounded: by the caller's time-out for the board, plus a second for the daemon's answer. A call that
+//! ran into its time-out leaves a late reply behind, so the next call uses a new connection.
 //!
-//! A connection belongs to the process that made it, with all that the daemon keeps for it. In a forked child every call over it
-//! is an error; the child opens its own.
+//! A connection belongs to the process that made it, and so does all that the daemon keeps for it. In a forked child
+//! every call over it is an error; the child opens its own.
 
 mod gather;
 pub mod jobs;
@@ -38,10 +38,10 @@ use crate::segment::{SegmentName, is_trusted};
 
 /// How long the daemon may take to accept, and to answer without the board.
 pub(super) const DAEMON_TIMEOUT: Duration = Duration::from_secs(5);
-/// How much longer than the board the daemon may take. More than the daemon's own grace.
+/// How much longer than the board the daemon may take: more than the daemon's own grace.
 pub(super) const MARGIN: Duration = Duration::from_secs(2);
 
-/// How long to wait for the daemon to use a function: a large board has many M-variables. And how often to ask.
+/// How long to wait until the daemon uses a function, and how often to ask: a large board has many M-variables.
 const USED: Duration = Duration::from_secs(15);
 const USED_LOOK: Duration = Duration::from_millis(50);
 
@@ -67,25 +67,25 @@ pub enum CommandError {
         /// The user.
         uid: u32,
     },
-    /// The daemon at the socket has another board than the named one.
+    /// The daemon at the socket has another board.
     #[error("{path} is the socket of the board {found}, not of {wanted}; leave --name or --socket out")]
     OtherBoard {
         /// The socket.
         path: PathBuf,
-        /// The board that was named.
+        /// The expected board.
         wanted: String,
-        /// The daemon's.
+        /// The daemon's board.
         found: String,
     },
-    /// Another process made the connection; this one was forked from it.
+    /// Another process made the connection; this process is a fork of it.
     #[error(
         "this connection to pmacd belongs to process {process}, from which this one was forked; open another one here; nothing was sent"
     )]
     OtherProcess {
-        /// That process.
+        /// The process that made the connection.
         process: u32,
     },
-    /// The daemon did not take the whole call, so it began no part of it.
+    /// The daemon did not receive the whole call, so it began no part of it.
     #[error(
         "{path}: pmacd did not take the call ({source}); nothing of it was carried out; see whether pmacd runs (pmacctl status)"
     )]
@@ -121,13 +121,13 @@ pub enum CommandError {
         /// The socket.
         path: PathBuf,
     },
-    /// The daemon or the board said no; [`CallError::Board`] is the board's own error.
+    /// The daemon or the board refused; [`CallError::Board`] is the board's own error.
     #[error(transparent)]
     Refused(#[from] CallError),
 }
 
 impl CommandError {
-    /// Whether the board may have got the command or a part of it.
+    /// Whether the board may have received the command or a part of it.
     #[must_use]
     pub const fn is_uncertain(&self) -> bool {
         matches!(
@@ -146,22 +146,23 @@ impl CommandError {
 pub struct Connection {
     path: PathBuf,
     link: Option<Link>,
-    /// The daemon also sends lines that end command lines for everybody.
+    /// The daemon may send lines that end all clients' command lines.
     confirms: bool,
 }
 
-/// A line's parameters besides its text, as the method `Send` has them.
+/// A line's parameters besides its text, as in the method `Send`.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SendAs {
     /// A question, as in [`Connection::question`].
     pub question: Option<bool>,
-    /// `true`: the line enters the program buffer that this process has open, or opens one
-    /// ([`Connection::send_into_buffer`]). `false`: the line enters no buffer; while one is open, the daemon refuses
-    /// it, but for `CLOSE` and on-line commands.
+    /// `true`: the line enters the program buffer that this process has open, or opens a buffer
+    /// ([`Connection::send_into_buffer`]). `false`: the line enters no buffer; while a buffer is open, the daemon
+    /// refuses all lines but `CLOSE` and on-line commands.
     pub into_buffer: Option<bool>,
-    /// The line's jogs without an end stop with this connection, as in [`Connection::send_while_connected`].
+    /// The line's jogs without an end stop when this connection ends, as in [`Connection::send_while_connected`].
     pub while_connected: Option<bool>,
-    /// These jogs also stop after so many milliseconds without a call over this connection: [`Connection::jog_renew`].
+    /// These jogs also stop after so many milliseconds without a call over this connection, such as
+    /// [`Connection::jog_renew`].
     pub silence_ms: Option<u64>,
 }
 
@@ -177,26 +178,26 @@ impl Connection {
         Ok(connection)
     }
 
-    /// A connection that has been made already. Where it breaks, the daemon at the socket `path` is connected to.
+    /// A connection made by the caller. If it breaks, the next call connects to the daemon at the socket `path`.
     #[must_use]
     pub fn over(stream: UnixStream, path: &Path) -> Self {
         let link = Some(Link::new(stream));
         Self { path: path.to_owned(), link, confirms: false }
     }
 
-    /// The same connection. If it `confirms`, the daemon also sends a line that ends command lines for everybody (`^Z`,
-    /// `I58=0`), or others' work (`$$$`, `SAVE`); otherwise the daemon refuses it.
+    /// The same connection. If it `confirms`, the daemon also sends a line that ends all clients' command lines (`^Z`,
+    /// `I58=0`) or others' work (`$$$`, `SAVE`); otherwise the daemon refuses such a line.
     #[must_use]
     pub fn confirming(self, confirms: bool) -> Self {
         Self { confirms, ..self }
     }
 
-    /// The parameter `confirmed` of calls with lines.
+    /// The parameter `confirmed` of calls that send lines.
     fn confirmed(&self) -> Option<bool> {
         self.confirms.then_some(true)
     }
 
-    /// Whether it may be used here: no other process has made it, from which this one was forked.
+    /// Checks that this process made the connection and is no fork of that process.
     ///
     /// # Errors
     /// [`CommandError::OtherProcess`].
@@ -204,7 +205,7 @@ impl Connection {
         self.link.as_ref().map_or(Ok(()), check_process)
     }
 
-    /// The link, made anew where the one before broke.
+    /// The link; makes a new one after the last one broke.
     fn take_link(&mut self) -> Result<Link, CommandError> {
         self.check_process()?;
         self.link.take().map_or_else(|| self.dial(), Ok)
@@ -213,7 +214,7 @@ impl Connection {
     fn dial(&self) -> Result<Link, CommandError> {
         let stream = connect(&self.path, Instant::now() + DAEMON_TIMEOUT)
             .map_err(|source| CommandError::Connect { path: self.path.clone(), source })?;
-        // The kernel vouches for the server's user: a stranger's answers would pass for the board's.
+        // The kernel vouches for the server's user: the caller would take a stranger's answers for the board's.
         let uid = getsockopt(&stream, PeerCredentials)
             .map_err(|errno| CommandError::Connect { path: self.path.clone(), source: errno.into() })?
             .uid();
@@ -223,8 +224,8 @@ impl Connection {
         Ok(Link::new(stream))
     }
 
-    /// The same connection, once the daemon has said that its board is `name`: then the segment and the socket are of
-    /// one board.
+    /// The same connection, after the daemon has said that its board is `name`: then segment and socket belong to one
+    /// board.
     ///
     /// # Errors
     /// [`CommandError::OtherBoard`], and those of [`Connection::info`].
@@ -237,7 +238,7 @@ impl Connection {
         Err(CommandError::OtherBoard { path: self.path, wanted, found })
     }
 
-    /// The daemon's knowledge of its board and itself.
+    /// The daemon's facts about its board and itself.
     ///
     /// # Errors
     /// [`CommandError`].
@@ -245,7 +246,7 @@ impl Connection {
         self.call("GetInfo", &calls::NoParameters {}, DAEMON_TIMEOUT)
     }
 
-    /// The settings that no document decides: where the buffers lie, and the readings of uncertain formats.
+    /// The settings that no document decides: the places of the buffers, and the readings of uncertain formats.
     ///
     /// # Errors
     /// [`CommandError`].
@@ -253,17 +254,17 @@ impl Connection {
         self.call("GetSettings", &calls::NoParameters {}, DAEMON_TIMEOUT)
     }
 
-    /// Sends one command line (1 to 200 printable ASCII characters) and returns the lines of its reply, none when the
+    /// Sends one command line (1 to 200 printable ASCII characters) and returns the lines of its reply; none if the
     /// board only acknowledged.
     ///
     /// # Errors
-    /// [`CommandError`]; [`CallError::Board`] in it when the board refused the line.
+    /// [`CommandError`], with [`CallError::Board`] inside if the board refused the line.
     pub fn send(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, CommandError> {
         self.send_as(line, timeout, SendAs::default())
     }
 
-    /// As [`Connection::send`], for a mere question: if the line would enter an open program buffer, the daemon refuses
-    /// it, whoever has opened the buffer.
+    /// As [`Connection::send`], for a mere question: the daemon refuses a line that would enter an open program buffer,
+    /// whoever has opened the buffer.
     ///
     /// # Errors
     /// As [`Connection::send`].
@@ -272,8 +273,8 @@ impl Connection {
     }
 
     /// As [`Connection::send`], for a line of the program buffer that this process has open. The daemon refuses the
-    /// line if that buffer is closed, where the board would carry the line out at once, or if another process's buffer
-    /// is open.
+    /// line if that buffer is closed, since the board would execute the line at once, or if another process's buffer is
+    /// open.
     ///
     /// # Errors
     /// As [`Connection::send`].
@@ -282,8 +283,8 @@ impl Connection {
     }
 
     /// As [`Connection::send`], for a line whose jogs without an end (`#1J+`) end with this connection: the daemon
-    /// stops the motor when this end is gone, unless another command has gone to the motor meanwhile. The line has to
-    /// name its motors.
+    /// stops the motor when the connection ends, unless the motor has got another command meanwhile. The line must name
+    /// its motors.
     ///
     /// # Errors
     /// As [`Connection::send`].
@@ -295,8 +296,8 @@ impl Connection {
         self.send_as(line, timeout, SendAs { while_connected: Some(true), ..SendAs::default() })
     }
 
-    /// Asks the board for its servo counter, which begins again at a reset, and returns the number of resets that the
-    /// daemon has found so. Two calls differ if the board was reset between them.
+    /// Asks the board for its servo counter, which restarts at a reset, and returns how many resets the daemon has
+    /// found in this way. Two calls differ if the board was reset between them.
     ///
     /// # Errors
     /// [`CommandError`].
@@ -305,7 +306,7 @@ impl Connection {
         Ok(reply.resets)
     }
 
-    /// As [`Connection::send`], as its parameters say.
+    /// As [`Connection::send`], with these parameters.
     ///
     /// # Errors
     /// As [`Connection::send`].
@@ -318,7 +319,7 @@ impl Connection {
         Ok(self.send_and_see(line, timeout, send_as)?.lines)
     }
 
-    /// As [`Connection::send_as`]. The reply tells, too, of the program buffer that is open, if the line went in there or may have.
+    /// As [`Connection::send_as`]. The reply also names the open program buffer, if the line entered it or may have.
     ///
     /// # Errors
     /// As [`Connection::send`].
@@ -334,8 +335,8 @@ impl Connection {
         self.call("Send", &parameters, timeout.saturating_add(MARGIN))
     }
 
-    /// Sends the control character `character` (1 to 31) before all waiting lines, and returns the board's answer, for
-    /// most of them nothing. `^A` and `^K` drop everybody's lines that wait in the daemon.
+    /// Sends the control character `character` (1 to 31) before all waiting lines, and returns the board's answer,
+    /// which is empty for most of them. `^A` and `^K` drop every client's waiting lines.
     ///
     /// # Errors
     /// [`CommandError`].
@@ -343,7 +344,7 @@ impl Connection {
         self.send_control(character, false)
     }
 
-    /// As [`Connection::control`], but that `^A` and `^K` leave the lines that wait where they are.
+    /// As [`Connection::control`], but `^A` and `^K` drop no waiting lines.
     ///
     /// # Errors
     /// [`CommandError`].
@@ -376,7 +377,7 @@ impl Connection {
         Ok((reply.time_ns, reply.words))
     }
 
-    /// As [`Connection::call`], and waits meanwhile if the daemon does not use the function yet.
+    /// As [`Connection::call`], and waits until the daemon uses the function.
     pub(super) fn call_used<T: DeserializeOwned>(
         &mut self,
         method: &str,
@@ -396,8 +397,8 @@ impl Connection {
         self.answer(timeout)
     }
 
-    /// Sends a call and does not wait for its reply, which [`Connection::answer`] takes. Several may be under way; the
-    /// daemon answers them in their order.
+    /// Sends a call without waiting for its reply; [`Connection::answer`] takes the reply. Several calls may be under
+    /// way; the daemon answers them in order.
     pub(super) fn ask(
         &mut self,
         method: &str,
@@ -419,13 +420,13 @@ impl Connection {
             return Err(CommandError::Broken { path: self.path.clone(), source });
         };
         let reply = link.next_reply(after(timeout)).map_err(|error| fault(&self.path, error))?;
-        // A connection can be used again only after its last reply.
+        // Only after its last reply can the connection take another call.
         self.link = Some(link);
         read_reply(reply)
     }
 }
 
-/// Calls again and again while the daemon does not use the function yet: at its start, for a few seconds.
+/// Repeats the call until the daemon uses the function: for a few seconds after the daemon's start.
 fn when_used<T>(mut call: impl FnMut() -> Result<T, CommandError>) -> Result<T, CommandError> {
     let deadline = Instant::now() + USED;
     loop {
@@ -461,7 +462,7 @@ fn read_reply<T: DeserializeOwned>(reply: Reply) -> Result<T, CommandError> {
     serde_json::from_value(parameters).map_err(|error| CallError::Protocol(error.to_string()).into())
 }
 
-/// The daemon has not got the whole call.
+/// The daemon has not received the whole call.
 fn not_taken(path: &Path, source: io::Error) -> CommandError {
     CommandError::NotTaken { path: path.to_owned(), source }
 }
@@ -487,7 +488,7 @@ mod tests {
         let registers = ["X:$0028".parse().unwrap()];
         let mut watch = Connection::over(ours, Path::new("unused")).watch_variables(&registers).unwrap();
         assert_eq!(watch.table(), 7);
-        // Were one look a wait for the socket, these would take ten seconds.
+        // If each look waited for the socket, these would take ten seconds.
         for _ in 0..10_000 {
             watch.check().unwrap();
         }
@@ -550,7 +551,7 @@ mod tests {
             }
             error.to_string()
         };
-        // It was gone before the call: the whole of it was never there.
+        // The daemon was gone before the call: the whole call was never there.
         let told = said(None);
         assert!(
             told.contains("did not take the call") && told.contains("nothing of it was carried out"),

@@ -5,7 +5,7 @@ use crate::decode::{BackgroundData, BackgroundDecoder, Scales, ServoData, ServoD
 use crate::format::Float48Layout;
 use crate::segment::{Identity, RegionInfo};
 
-/// How many motors, and blocks of background data, the board reports, and its scales.
+/// The numbers of motors and of background blocks that the board reports, and the motors' scales.
 #[derive(Debug, Clone)]
 pub(super) struct Decoder {
     servo: ServoDecoder,
@@ -16,7 +16,7 @@ pub(super) struct Decoder {
 }
 
 impl Decoder {
-    /// The decoder for a board of this identity; `None` for a family that is not known here.
+    /// The decoder for a board of this identity; `None` for a family that this version does not know.
     pub(super) fn new(identity: &Identity) -> Option<Self> {
         let family = identity::family(identity)?;
         let motors = identity::reported(identity, family);
@@ -40,7 +40,7 @@ impl Decoder {
     }
 }
 
-/// How many of the reported `numbers` a payload has: fewer if it is older than the board's present mask.
+/// How many of the reported `numbers` are in a payload: an older payload may have fewer than the board's present mask.
 fn held(numbers: usize, region: &RegionInfo, words: &[u16]) -> usize {
     numbers.min(region.blocks.held_in(2 * words.len()))
 }

@@ -1,4 +1,4 @@
-//! Follows every servo update, and counts the missing ones between two.
+//! Follows every servo update, and counts the missing updates between two.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use crate::segment::RegionId;
 /// The most updates of one step: a fraction of the segment's ring.
 const BATCH: usize = 512;
 
-/// Servo cycles that an update may seem early: the daemon was held up between clock and board.
+/// By so many servo cycles an update may seem early: the daemon was held up between clock and board.
 const SLACK: f64 = 64.0;
 
 /// The next event.
@@ -17,24 +17,22 @@ const SLACK: f64 = 64.0;
 pub enum Step {
     /// An update.
     Update(View<ServoData>),
-    /// Before the next one, something is missing.
+    /// Before the next update, updates are missing.
     Gap(Gap),
 }
 
-/// The gap between two updates: some are missing, or, if both numbers are 0, board or daemon paused or was started
-/// again.
+/// The gap between two updates: updates are missing, or, if both numbers are 0, board or daemon paused or restarted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Gap {
     /// Updates that the daemon did not read in time.
     pub missed: u64,
-    /// Updates that this program did not take, or could not write, in time.
+    /// Updates that this program was too slow to take or write.
     pub lost: u64,
-    /// How long board or daemon paused here. No count of the board's updates in that time exists: they are not in
-    /// `missed`.
+    /// How long board or daemon paused here. Nothing counts the board's updates in that time: they are not in `missed`.
     pub pause: Option<Duration>,
 }
 
-/// The last update's part that the next one needs.
+/// The facts about the last update that the next one needs.
 #[derive(Debug, Clone, Copy)]
 struct Last {
     servo_timer: u64,
@@ -46,21 +44,21 @@ struct Last {
 struct Pace {
     /// Servo cycles from update to update; `None` without a period.
     cycles: Option<u64>,
-    /// The length of a servo cycle; `None` while it is not known.
+    /// The length of a servo cycle; `None` while unknown.
     cycle_ns: Option<f64>,
     /// A longer silence is a pause of the board, with no updates to miss.
     pause_ns: u64,
 }
 
-/// A reader of every servo update, of the present daemon and of its successors.
+/// Reads every servo update of the present daemon and of its successors.
 #[derive(Debug)]
 pub struct Follower {
     generation: u64,
     next: u64,
     last: Option<Last>,
-    /// When the last update of the daemon before came, where another one has come since.
+    /// When the previous daemon's last update came; `None` after the present daemon's first update.
     restarted: Option<u64>,
-    /// The last known length of a servo cycle: at a reset the daemon forgets it until the board has answered again.
+    /// The last known length of a servo cycle: at a reset the daemon forgets it until the board answers again.
     cycle_ns: Option<f64>,
 }
 
@@ -87,7 +85,7 @@ impl Follower {
         self.next
     }
 
-    /// Hands new updates to `take`, and returns why no live data follow them.
+    /// Hands new updates to `take`, and returns why the last data are not live.
     ///
     /// # Errors
     /// [`ClientError`], or the error of `take`.
@@ -100,7 +98,7 @@ impl Follower {
         Ok(board.snapshot()?.servo.and_then(|servo| servo.stale))
     }
 
-    /// Hands some new updates to `take`, each behind its gap. Returns whether there were any.
+    /// Hands some new updates to `take`, each after its gap. Returns whether there were any.
     ///
     /// # Errors
     /// As [`Follower::advance`].
@@ -147,14 +145,14 @@ impl Follower {
     }
 }
 
-/// Servo cycles from update to update, by the board's answer. Else by the period that `pmacd` measures, which grows
-/// when many updates are missed.
+/// Servo cycles from update to update, by the board's answer; without an answer, by the period that `pmacd` measures,
+/// which grows when many updates are missed.
 fn cycles(told: Option<u32>, cycle_ns: Option<f64>, period_ns: u64) -> Option<u64> {
     let measured = || cycle_ns.map(|cycle_ns| (period_ns as f64 / cycle_ns).round() as u64);
     told.map(u64::from).or_else(measured).filter(|cycles| *cycles > 0)
 }
 
-/// The gap between the update `last` and the next taken one, if `lost` numbers are missing.
+/// The gap between `last` and the next update that this program takes, if `lost` numbers are missing.
 fn between(last: Last, (servo_timer, time_ns): (u64, u64), lost: u64, pace: Pace) -> Option<Gap> {
     let silence_ns = time_ns.saturating_sub(last.time_ns);
     let passed = servo_timer.saturating_sub(last.servo_timer);
@@ -172,7 +170,7 @@ fn pause(last_ns: u64, next_ns: u64) -> Duration {
     Duration::from_nanos(next_ns.saturating_sub(last_ns))
 }
 
-/// The most servo cycles that can pass in a time. A timer that shows more began anew, by a reset.
+/// The most servo cycles that can pass in a time. A timer that shows more has restarted, at a reset.
 fn fitting(time_ns: u64, cycle_ns: f64) -> f64 {
     1.25 * time_ns as f64 / cycle_ns + SLACK
 }

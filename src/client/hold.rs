@@ -1,8 +1,8 @@
 //! A jog that lasts only as long as a client holds it.
 //!
-//! The daemon requests the stop after 200 ms without a word from the holder, whatever the reason: the holder is killed,
-//! stopped, or its machine too busy. So the jog never outlives this process, by the control panel or by command line; a
-//! jog by command line also stops as soon as the holder's connection is gone.
+//! The daemon requests the stop after 200 ms without a call from the holder, whatever the reason: the holder was killed
+//! or stopped, or its machine is too busy. So the jog never outlives this process, by the control panel or by command
+//! line. A jog by command line also stops as soon as the holder's connection is gone.
 
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -12,12 +12,12 @@ use super::command::{CommandError, Connection, SendAs};
 use crate::language::deadlines;
 use crate::protocol::{CallError, Function};
 
-/// How long the holder of a jog by command line may be silent; the daemon gives one by the panel as long.
+/// How long the holder of a jog by command line may be silent; the daemon allows the same for a jog by the panel.
 const LEASE_MS: u64 = 200;
-/// How often the lease is renewed; three times before it is over.
+/// How often the holder renews the lease: three times before the lease is over.
 const RENEW: Duration = Duration::from_millis(60);
 
-/// Whether held jogs go by the control panel: the daemon uses it, and no M-variable keeps it from that.
+/// Whether held jogs use the control panel: the daemon uses the panel, and no M-variable forbids it.
 ///
 /// # Errors
 /// [`CommandError`].
@@ -32,19 +32,20 @@ pub struct HeldJog {
     numbers: Vec<u8>,
     /// The holder's process.
     process: u32,
-    /// Dropped to end the renewing.
+    /// Dropped to end the renewals.
     tell: Option<SyncSender<()>>,
     renewing: Option<JoinHandle<(Connection, Option<CommandError>)>>,
 }
 
 impl HeldJog {
-    /// Begins `action` (`jog-` or `jog+`) of the motors `numbers`, and renews it from now on: by the control panel, or,
-    /// if the daemon does not use the panel, as on a Turbo board, by the command line `#1J-` or `#1J+`. The line
-    /// addresses the motor, enters no program buffer, and needs the role engineer. Other clients may still command the
-    /// motor: their command ends the hold, and no stop follows.
+    /// Begins `action` (`jog-` or `jog+`) of the motors `numbers`, and renews the jog from now on: by the control
+    /// panel, or, if the daemon does not use the panel, as on a Turbo board, by the command line `#1J-` or `#1J+`. The
+    /// line addresses the motor, enters no program buffer, and needs the role engineer. Other clients may still command
+    /// the motor: their command ends the hold, and no stop follows.
     ///
     /// # Errors
-    /// As [`Connection::panel`] and [`Connection::send`]. The daemon stops any motor that the board has started then.
+    /// As [`Connection::panel`] and [`Connection::send`]. After an error the daemon stops any motor that the board has
+    /// started.
     pub fn begin(mut connection: Connection, action: &str, numbers: &[u8]) -> Result<Self, CommandError> {
         if !jogs_by_panel(&mut connection)? {
             return Self::begin_by_line(connection, action, numbers);
@@ -98,7 +99,8 @@ impl HeldJog {
         Self { numbers: numbers.to_vec(), process, tell: Some(tell), renewing: Some(renewing) }
     }
 
-    /// Whether this process still renews it; false when the daemon has ended it or cannot be reached, and in a forked child.
+    /// Whether this process still renews the jog; false after the daemon has ended it or cannot be reached, and in a
+    /// forked child.
     #[must_use]
     pub fn is_held(&self) -> bool {
         self.process == std::process::id()
@@ -109,8 +111,8 @@ impl HeldJog {
     ///
     /// # Errors
     /// Why the daemon had ended the hold before (the motors were killed or aborted, or a loop has opened), or that the
-    /// board did not take the stop. The daemon goes on requesting the stop. [`CommandError::OtherProcess`] in a forked
-    /// child, which stops nothing.
+    /// board did not take the stop; then the daemon goes on requesting the stop. [`CommandError::OtherProcess`] in a
+    /// forked child, which stops nothing.
     pub fn stop(mut self) -> Result<Connection, CommandError> {
         self.end()
     }
@@ -126,7 +128,8 @@ impl HeldJog {
         let Some((mut connection, before)) = ended else {
             return Err(CallError::Protocol("the hold is over".to_owned()).into());
         };
-        // Where the daemon has ended the hold it has also seen to the stop: another one could close the loop of a killed motor.
+        // If the daemon has ended the hold, it has also stopped the motors: a second stop could close the loop of a
+        // killed motor.
         if let Some(error) = before {
             return Err(error);
         }

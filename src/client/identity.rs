@@ -13,7 +13,7 @@ pub fn family(identity: &Identity) -> Option<&'static Family> {
     }
 }
 
-/// The scales of the board's motors as far as they are known.
+/// The known scales of the board's motors.
 #[must_use]
 pub fn scales(identity: &Identity) -> Scales {
     let motor = |index: usize| MotorScales {

@@ -13,7 +13,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! Reading needs no conversation with the daemon and cannot disturb it. Old data say so: see [`Staleness`].
+//! Reading needs no exchange with the daemon and cannot disturb it. Old data say that they are old: see [`Staleness`].
 
 pub mod board;
 pub mod circles;

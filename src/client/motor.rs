@@ -10,7 +10,7 @@ use crate::segment::{Identity, UserUnit};
 
 /// One motor.
 pub struct Motor<'a> {
-    /// Of the servo report.
+    /// The motor in the servo report.
     pub servo: &'a ServoMotor,
     /// The motor in a fresh background report.
     background: Option<&'a BackgroundMotor>,
@@ -48,7 +48,7 @@ impl<'a> Motor<'a> {
         motors
     }
 
-    /// As JSON: the keys that the family has, null where the value is not known.
+    /// As JSON: the family's keys, null for unknown values.
     pub fn document(&self) -> Value {
         let mut document = json!(self.servo);
         if self.is_in_background() {
@@ -82,17 +82,17 @@ impl<'a> Motor<'a> {
         document
     }
 
-    /// Where its present move ends.
+    /// The end of the motor's present move.
     pub fn target(&self) -> Option<Quantity> {
         self.background.and_then(|motor| motor.target_position)
     }
 
-    /// Its name in the configuration.
+    /// The motor's name in the configuration.
     pub fn name(&self) -> Option<&str> {
         self.name
     }
 
-    /// Its actual position in the user's unit: `12.3456 deg`; `None` where the configuration gives it none.
+    /// The actual position in the user's unit: `12.3456 deg`; `None` if the configuration gives the motor no unit.
     pub fn user_position(&self) -> Option<String> {
         let unit = self.unit?;
         let position = in_unit(unit, self.servo.actual_position);
@@ -101,7 +101,7 @@ impl<'a> Motor<'a> {
         Some(format!("{position} {}", &unit.name[..]))
     }
 
-    /// Whether the background report tells of motors, too; where it does not, the servo report has it all.
+    /// Whether the background report has motors, too; otherwise the servo report has everything.
     fn is_in_background(&self) -> bool {
         self.family.background.numbers != NumberKind::CoordinateSystem
     }
@@ -115,7 +115,7 @@ impl<'a> Motor<'a> {
         Some(Flags { word, table: self.family.status.motor.get(1)? })
     }
 
-    /// Whether the flag called `name` of either word of `?` is set; `None` while that word is not known.
+    /// Whether the flag called `name` of either word of `?` is set; `None` while that word is unknown.
     pub fn has(&self, name: &str) -> Option<bool> {
         let has = |table: Option<&StatusTable>| {
             table.is_some_and(|table| table.flags.iter().any(|(_, flag)| *flag == name))
@@ -144,7 +144,7 @@ impl<'a> Motor<'a> {
             .any(|function| block_fields(self.family, function).any(|field| field.name == name))
     }
 
-    /// Why `P` answers something else than the actual position, if it does.
+    /// Why `P` answers another position than the actual one, if it does.
     pub fn why_p_differs(&self) -> Option<String> {
         let (reported, actual) = (self.reported_position()?.value?, self.servo.actual_position?.value?);
         let number = self.servo.motor;
@@ -155,7 +155,7 @@ impl<'a> Motor<'a> {
         })
     }
 
-    /// Words for set flags that are not ordinary, worst first.
+    /// Words for flags that are not ordinary, worst first.
     pub fn flags(&self) -> Vec<&'static str> {
         shown_flags::of_motor(self.servo.status, self.background_flags())
     }

@@ -1,16 +1,16 @@
-//! Numbers as people read them: as many digits as mean something.
+//! Numbers as people read them: only the digits that carry meaning.
 
 use crate::decode::Quantity;
 
 /// Stands for an unknown value, or a word that the daemon does not read from the board.
 pub const NOT_READ: &str = "-";
 
-/// Digits that a 48-bit float of PMAC's has: its mantissa has 36 bits.
+/// Digits of PMAC's 48-bit float: its mantissa has 36 bits.
 const DIGITS: usize = 11;
 /// Numbers of more places than this, before or behind the point, are written with an exponent.
 const PLACES: std::ops::Range<i32> = -6..16;
 
-/// A position: in counts where the scale is known, else the raw integer, which says so: `9710688raw` is no count.
+/// A position: in counts if the scale is known, else the raw integer with a mark: `9710688raw` is no count.
 pub fn labelled(quantity: Option<Quantity>) -> String {
     let Some(Quantity { raw, value, .. }) = quantity else { return NOT_READ.to_owned() };
     value.map_or_else(|| format!("{raw}raw"), |value| fixed(value, 1))
@@ -28,7 +28,7 @@ pub fn fixed(value: f64, places: usize) -> String {
     }
 }
 
-/// A number that PMAC keeps in 48 bits: 12.3, and not 12.299999999813735, to which its 36 bits of mantissa come.
+/// A number that PMAC keeps in 48 bits: 12.3, and not 12.299999999813735, the exact value of its 36 bits of mantissa.
 pub fn short(value: f64) -> String {
     digits(value, DIGITS)
 }
@@ -43,7 +43,7 @@ pub fn float32(value: f64) -> String {
     }
 }
 
-/// The number to so many digits, without zeros at its end; very large and very small ones with an exponent.
+/// The number with so many digits, without zeros at its end; very large and very small numbers with an exponent.
 pub fn digits(value: f64, digits: usize) -> String {
     if value == 0.0 || !value.is_finite() {
         return if value == 0.0 { "0".to_owned() } else { value.to_string() };

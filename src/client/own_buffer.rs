@@ -1,8 +1,8 @@
-//! Which program buffer a program's lines enter: only a buffer that they have opened themselves.
+//! Keeps a program's lines out of buffers that the program has not opened.
 //!
 //! By hand a user may write into any buffer of his own: he opens it in one terminal and looks at it from another. A
-//! program does not know of that buffer. Its `P1=5` would become a line of the user's motion program, and count as
-//! done.
+//! program does not know of that buffer. The program's `P1=5` would become a line of the user's motion program, and
+//! count as done.
 
 use std::time::Duration;
 
@@ -13,22 +13,21 @@ use crate::protocol::board::SendReply;
 use crate::protocol::control::{CLOSE_ROTARY, OPEN_ROTARY};
 
 /// Whether a program's lines have opened a buffer and not closed it. This outlives the connection: over a new
-/// connection, a line for the buffer must not be carried out at once.
+/// connection the board must not execute a line for the buffer at once.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct OwnBuffer {
     is_open: bool,
 }
 
 impl OwnBuffer {
-    /// Whether these lines have one open, as far as they know.
+    /// Whether these lines have a buffer open, as far as they know.
     #[must_use]
     pub const fn is_open(&self) -> bool {
         self.is_open
     }
 
-    /// As [`Connection::send`], but the line enters no buffer that others have opened, and a line for a buffer of these
-    /// lines is not carried out if that buffer is closed: the daemon refuses both. `CLOSE` and on-line commands always
-    /// pass.
+    /// As [`Connection::send`], but the daemon refuses the line if it would enter a buffer that others have opened, or
+    /// if it is meant for these lines' buffer and that buffer is closed. `CLOSE` and on-line commands always pass.
     ///
     /// # Errors
     /// As [`Connection::send`].
@@ -41,7 +40,8 @@ impl OwnBuffer {
         Ok(self.send_and_see(connection, line, timeout)?.lines)
     }
 
-    /// As [`Self::send`]. The reply tells, too, whether the line may have gone into a buffer, as that of [`Connection::send_and_see`].
+    /// As [`Self::send`]. The reply also tells whether the line may have entered a buffer, as in
+    /// [`Connection::send_and_see`].
     ///
     /// # Errors
     /// As [`Connection::send`].
@@ -59,7 +59,8 @@ impl OwnBuffer {
             Some(Effect::Opens(_)) => {
                 self.is_open |= sent.as_ref().map_or_else(CommandError::is_uncertain, |_| true)
             }
-            // The closer has no more lines for it. If the buffer is open all the same, no line enters it.
+            // After `CLOSE` these lines have no more lines for the buffer. If the buffer is open all the same, no line
+            // enters it.
             Some(Effect::Closes) => {
                 self.is_open &=
                     !sent.as_ref().map_or_else(|error| is_refusal(error) || error.is_uncertain(), |_| true);

@@ -1,8 +1,9 @@
-//! A whole program into a binary rotary buffer: batch after batch, two under way, so that the board never waits for us.
+//! Feeds a whole program into a binary rotary buffer: batch after batch, two under way, so that the board never waits
+//! for the host.
 //!
-//! Lines are counted from the set-up of the buffer. A batch names the number of its first line, and the daemon takes it
-//! only if that is the next one; so when a batch did not go in whole, those sent behind it leave no gap, and the daemon's
-//! own count tells where to go on.
+//! Line numbers count from the set-up of the buffer. A batch names the number of its first line, and the daemon takes
+//! the batch only if that line is the next one. So when a batch did not go in whole, the batches behind it leave no
+//! gap, and the daemon's count tells where to go on.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -14,11 +15,11 @@ use crate::protocol::{CallError, calls};
 /// The commands of a line, two words of 24 bits each.
 pub type RotaryLine = Vec<(u32, u32)>;
 
-/// Most commands of a batch: they fit into a call even with one command a line.
+/// Most commands of a batch: they fit in a call even with one command a line.
 const BATCH_COMMANDS: usize = 1024;
 /// Batches under way.
 const UNDER_WAY: usize = 2;
-/// How long a batch may wait for room. Short, so that few lines go in after a stop.
+/// How long a batch may wait for room. Short, so that few lines enter the buffer after a stop.
 const BATCH_PATIENCE: Duration = Duration::from_millis(300);
 
 /// Lines on their way into a rotary buffer, over the connection that has begun the stream ([`Connection::rotary_start`]).
@@ -29,7 +30,7 @@ pub struct RotaryFeed<'a> {
     lines: &'a [RotaryLine],
     /// The line to send next.
     next: usize,
-    /// How many lines are in for certain.
+    /// How many lines are certainly in the buffer.
     inside: usize,
     /// The ends of the batches under way.
     under_way: VecDeque<usize>,
@@ -42,23 +43,24 @@ impl<'a> RotaryFeed<'a> {
         Self { connection, buffer, lines, next: 0, inside: 0, under_way: VecDeque::with_capacity(UNDER_WAY) }
     }
 
-    /// How many lines are in the buffer, or through it, for certain.
+    /// How many lines are certainly in the buffer, or have passed through it.
     #[must_use]
     pub const fn inside(&self) -> usize {
         self.inside
     }
 
-    /// Whether all of them are.
+    /// Whether all lines are in the buffer, or have passed through it.
     #[must_use]
     pub const fn is_done(&self) -> bool {
         self.inside == self.lines.len()
     }
 
-    /// Sends the waiting lines and waits until one batch goes in, or about a third of a second. `Some`: that time was
+    /// Sends the waiting lines and waits until a batch has gone in, or about a third of a second. `Some`: that time is
     /// over; the buffer's state.
     ///
     /// # Errors
-    /// [`CommandError`]: the daemon cannot be reached, or refuses a line. [`RotaryFeed::inside`] tells how far it got.
+    /// [`CommandError`]: the daemon cannot be reached, or refuses a line. [`RotaryFeed::inside`] tells how far the feed
+    /// got.
     pub fn step(&mut self) -> Result<Option<RotaryStateReply>, CommandError> {
         while self.under_way.len() < UNDER_WAY && self.next < self.lines.len() {
             self.send_batch()?;
@@ -71,7 +73,7 @@ impl<'a> RotaryFeed<'a> {
             }
             Err(CommandError::Refused(CallError::TimedOut { .. })) => self.catch_up().map(Some),
             Err(error) => {
-                // The daemon refuses the batches behind it, too; the caller wants to know how far the stream got.
+                // The daemon refuses the batches behind it, too; the caller wants to know how far the feed got.
                 if matches!(error, CommandError::Refused(_)) {
                     self.catch_up()?;
                 }
@@ -80,15 +82,15 @@ impl<'a> RotaryFeed<'a> {
         }
     }
 
-    /// Says that no line follows: the program is whole when the board has taken the buffer's lines.
+    /// Tells the daemon that no line follows: the program is whole when the board has taken the buffer's lines.
     ///
     /// # Errors
-    /// [`CommandError`]; refused if the stream has ended.
+    /// [`CommandError`]; the daemon refuses if the stream has ended.
     pub fn finish(&mut self) -> Result<(), CommandError> {
         self.connection.rotary_finish(self.buffer)
     }
 
-    /// Waits until no batch is under way, and gives the buffer's state.
+    /// Waits until no batch is under way, and returns the buffer's state.
     ///
     /// # Errors
     /// [`CommandError`] when the daemon cannot be reached.
@@ -96,10 +98,10 @@ impl<'a> RotaryFeed<'a> {
         self.catch_up()
     }
 
-    /// Says that the stream's owner is still there, which has to be said every 5 s while no lines are sent.
+    /// Tells the daemon that the stream's owner is alive; needed every 5 s while no lines go out.
     ///
     /// # Errors
-    /// [`CommandError`]; refused when the stream has ended.
+    /// [`CommandError`]; the daemon refuses if the stream has ended.
     pub fn renew(&mut self) -> Result<(), CommandError> {
         self.connection.sequence_renew()
     }
@@ -110,7 +112,7 @@ impl<'a> RotaryFeed<'a> {
     /// [`CommandError`] when the daemon cannot be reached.
     pub fn stop(&mut self) -> Result<RotaryStopReply, CommandError> {
         match self.catch_up() {
-            // A board that was reset has no such buffer any more, and the daemon says so.
+            // A board that was reset has no such buffer any more, and the daemon then refuses.
             Ok(_) | Err(CommandError::Refused(_)) => self.connection.rotary_stop(self.buffer),
             Err(error) => Err(error),
         }
@@ -123,7 +125,7 @@ impl<'a> RotaryFeed<'a> {
             commands += line.len();
             commands > BATCH_COMMANDS
         });
-        // A line longer than a batch goes alone, to be refused with the reason.
+        // A line longer than a batch goes alone, so that the daemon refuses it with the reason.
         let count = full.unwrap_or(rest.len()).max(1);
         let parameters = calls::RotarySend {
             buffer: self.buffer,

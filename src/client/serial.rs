@@ -1,7 +1,7 @@
 //! A board at the end of a serial line: for set-up, before its DPRAM is switched on.
 //!
-//! Eight data bits, no parity, one stop bit, no flow control. The line is taken for this process alone (an advisory
-//! lock), and every wait is bounded. In a forked child it answers with an error: the answers are the parent's.
+//! Eight data bits, no parity, one stop bit, no flow control. This process locks the line for itself (an advisory
+//! lock), and every wait is bounded. In a forked child every call is an error: the answers are the parent's.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Write};
@@ -20,17 +20,17 @@ use crate::protocol::control::CANCEL;
 
 /// A silence that ends an answer without an end mark; several characters long at the lowest rate.
 const QUIET: Duration = Duration::from_millis(250);
-/// How long the board may take to say how it answers.
+/// How long the board may take to tell its handshake.
 const PROBE: Duration = Duration::from_secs(1);
-/// How often it is asked; a text that a program sends can spoil an answer.
+/// How often this program asks the board; a text that a board's program sends can spoil an answer.
 const PROBES: usize = 3;
-/// More than the longest listing a set-up reads.
+/// Longer than any listing that a set-up reads.
 const LONGEST_ANSWER: usize = 64 * 1024;
 
-/// The rates a board can be set to, in bits a second.
+/// The rates of a board, in bits a second.
 pub const BAUD_RATES: [u32; 8] = [1200, 2400, 4800, 9600, 19_200, 38_400, 57_600, 115_200];
 
-/// Why a serial line is of no use, or a line was not carried out.
+/// Why a serial line is useless, or the board did not carry out a line.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SerialError {
@@ -54,21 +54,21 @@ pub enum SerialError {
         /// The device.
         path: PathBuf,
     },
-    /// Another process opened the line; this one was forked from it.
+    /// Another process opened the line; this process is a fork of it.
     #[error("{path}: process {process}, from which this one was forked, uses it; nothing was sent")]
     OtherProcess {
         /// The device.
         path: PathBuf,
-        /// That process.
+        /// The process that opened it.
         process: u32,
     },
-    /// A rate that the line does not have.
+    /// The line does not have this rate.
     #[error("{baud} baud is none of 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200")]
     Rate {
-        /// The rate in the call.
+        /// The requested rate.
         baud: u32,
     },
-    /// Nothing that a PMAC sends came back.
+    /// Nothing came back that a PMAC sends.
     #[error("{path}: {}; is a PMAC there, and is {baud} its rate?", if *.silent { "no answer" } else { "no answer that makes sense" })]
     NoBoard {
         /// The device.
@@ -107,13 +107,13 @@ pub struct SerialLine {
     baud: u32,
     file: Flock<File>,
     handshake: Handshake,
-    /// The process that has opened it.
+    /// The process that opened it.
     process: u32,
 }
 
 impl SerialLine {
-    /// Opens the device `path` at `baud` bits a second and asks the board how it answers. That is one ^X and the question
-    /// `I4`; no variable is changed.
+    /// Opens the device `path` at `baud` bits a second and asks the board for its handshake. This sends one ^X and the
+    /// question `I4`, and changes no variable.
     ///
     /// # Errors
     /// [`SerialError`].
@@ -143,7 +143,7 @@ impl SerialLine {
         tcflush(&*file, QueueSelector::IOFlush).map_err(|error| port(error.into()))?;
         let handshake = Handshake { line_feeds: false, acknowledge: false, checksum: false };
         let mut line = Self { path: path.to_owned(), baud, file, handshake, process: std::process::id() };
-        // The board does not carry out another program's half of a line.
+        // Keeps the board from executing another program's half line.
         line.write(&[CANCEL])?;
         line.recognise()?;
         Ok(line)
@@ -156,7 +156,8 @@ impl SerialLine {
     pub fn send(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, SerialError> {
         let reply = self.exchange(line, timeout)?;
         if !self.handshake.acknowledge && !self.handshake.line_feeds && reply.error.is_none() {
-            // Silence is all this form has to say that a line was taken: only another answer shows that it is done.
+            // In this handshake only silence says that the board took a line: only an answer to another line shows that
+            // the board has finished.
             self.answers_within(timeout)?;
         }
         match reply.error {
@@ -165,10 +166,10 @@ impl SerialLine {
         }
     }
 
-    /// Asks the board anew how it answers, until it does: after a reset, which may change the handshake.
+    /// Asks the board for its handshake until it answers: after a reset, which may change the handshake.
     ///
     /// # Errors
-    /// [`SerialError::NoBoard`] when it has not answered within `timeout`.
+    /// [`SerialError::NoBoard`] if the board has not answered within `timeout`.
     pub fn answers_within(&mut self, timeout: Duration) -> Result<(), SerialError> {
         let deadline = Instant::now() + timeout;
         loop {
@@ -212,7 +213,7 @@ impl SerialLine {
         }
     }
 
-    /// Throws away unasked bytes before a line is sent.
+    /// Throws away unrequested bytes before a line goes out.
     fn drain(&mut self) -> Result<(), SerialError> {
         if self.process != std::process::id() {
             return Err(SerialError::OtherProcess { path: self.path.clone(), process: self.process });

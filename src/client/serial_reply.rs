@@ -8,8 +8,8 @@
 //! | 2 | text `<CR>` | `<ACK>` |
 //! | 3 | `<LF>` text `<CR>` | `<ACK>` |
 //!
-//! An error is a `<BELL>` in every form, with `ERRnnn<CR>` behind it when I6 is 1 or 3. With an odd I4 one byte of check sum
-//! follows each data line and the end.
+//! An error is a `<BELL>` in every handshake, with `ERRnnn<CR>` behind it when I6 is 1 or 3. With an odd I4 a check sum
+//! byte follows each data line and the end.
 
 use crate::protocol::answer;
 use crate::protocol::control::CANCEL;
@@ -46,18 +46,19 @@ pub enum SerialAnswer {
 pub struct Reply {
     /// The data lines, in order.
     pub lines: Vec<String>,
-    /// The error that ended it.
+    /// The error that ended the answer.
     pub error: Option<BoardError>,
 }
 
 /// An error of the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BoardError {
-    /// The number of `ERRnnn`; `None` when the board says no number (I6 is 0 or 2).
+    /// The number of `ERRnnn`; `None` if the board sends no number (I6 is 0 or 2).
     pub code: Option<u16>,
 }
 
-/// The handshake in use, read from `bytes`, the whole answer to the question `I4`; `None` if they are no such answer.
+/// The board's handshake, read from `bytes`, the whole answer to the question `I4`; `None` if `bytes` are no such
+/// answer.
 #[must_use]
 pub fn recognise(bytes: &[u8]) -> Option<Handshake> {
     // A board with I63=1 echoes the ^X that emptied its line.
@@ -67,7 +68,7 @@ pub fn recognise(bytes: &[u8]) -> Option<Handshake> {
     let end = text.iter().position(|&byte| byte == CR)?;
     let number = answer::integer(std::str::from_utf8(&text[..end]).ok()?);
     let checksum = number.filter(|value| (0..=3).contains(value))? & 1 != 0;
-    // The check sum of a line could be any byte, that of the line "I4" is none of the handshake characters.
+    // The check sum of a line could be any byte; that of the line "I4" is no handshake character.
     let rest = text.get(end + 1 + usize::from(checksum)..)?;
     let acknowledge = rest.first() == Some(&ACK);
     let handshake = Handshake { line_feeds, acknowledge, checksum };
@@ -92,7 +93,7 @@ pub fn parse(handshake: Handshake, bytes: &[u8]) -> SerialAnswer {
             [ACK, tail @ ..] if tail.len() < sum => return SerialAnswer::Unfinished,
             [ACK, ..] => return SerialAnswer::Complete(reply),
             [BELL, tail @ ..] => return error(reply, tail),
-            // Without <ACK>, an end is known by the silence behind it only.
+            // Without <ACK>, only the silence behind it shows an end.
             [LF, tail @ ..] if line_feeds && !acknowledge && tail.len() <= sum => {
                 return if tail.len() == sum {
                     SerialAnswer::PerhapsComplete(reply)

@@ -1,12 +1,13 @@
-//! Which bits of status words people see, and by which word: worst first. [`crate::map::status`] has all bits and their names.
+//! The status bits that people see, each with the word that stands for it, worst first. [`crate::map::status`] has all
+//! bits and their names.
 
 use super::number::NOT_READ;
 use crate::decode::Flags;
 
-/// A flag's name in [`crate::map::status`], and the word that is shown for it.
+/// A flag's name in [`crate::map::status`], and the word to show for it.
 type Shown = (&'static str, &'static str);
 
-/// Of a motor's servo status.
+/// Flags of a motor's servo status.
 const MOTOR_SERVO: [Shown; 10] = [
     ("negative_limit_set", "-limit"),
     ("positive_limit_set", "+limit"),
@@ -20,7 +21,7 @@ const MOTOR_SERVO: [Shown; 10] = [
     ("following_enabled", "following"),
 ];
 
-/// Of a motor's background status.
+/// Flags of a motor's background status.
 const MOTOR_BACKGROUND: [Shown; 11] = [
     ("fatal_following_error", "fatal-error"),
     ("integrated_fatal_following_error", "integrated-fatal-error"),
@@ -35,7 +36,7 @@ const MOTOR_BACKGROUND: [Shown; 11] = [
     ("in_position", "in-position"),
 ];
 
-/// Of a coordinate system's status words: errors first, then the state.
+/// Flags of a coordinate system's status words: errors first, then the state.
 const SYSTEM: [Shown; 12] = [
     ("run_time_error", "run-time-error"),
     ("circle_radius_error", "radius-error"),
@@ -70,7 +71,7 @@ pub(super) fn of_motor(servo: Option<Flags>, background: Option<Flags>) -> Vec<&
     words
 }
 
-/// The words for a coordinate system's flags, of those status words that are known.
+/// The words for a coordinate system's flags, from the status words that are known.
 pub fn of_system(words: &[Option<Flags>]) -> Vec<&'static str> {
     shown(&SYSTEM, |name| words.iter().flatten().any(|word| word.has(name)))
 }

@@ -1,30 +1,30 @@
-//! A sample with its age, and why it may not be taken for live.
+//! A sample with its age, and the reason if it is not live.
 
 use crate::segment::{Condition, RegionInfo, Sample, Stamp, Subscriber};
 
 pub use crate::segment::Staleness;
 
-/// Data of one region, with the facts to judge them by.
+/// Data of one region, with the facts by which to judge them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View<T> {
     /// The sample's number in its region, from 1.
     pub sequence: u64,
-    /// When the first device read that went into it was made, nanoseconds by the segment's clock.
+    /// The time of the sample's first device read, in nanoseconds by the segment's clock.
     pub time_ns: u64,
     /// The same by CLOCK_REALTIME, nanoseconds since 1970.
     pub realtime_ns: i64,
-    /// How old it was when it was looked at, nanoseconds.
+    /// The sample's age when the client judged it, in nanoseconds.
     pub age_ns: u64,
     /// The board's servo timer, extended to 64 bit, in servo cycles.
     pub servo_timer: u64,
-    /// Why the data are not live; `None` when they are.
+    /// Why the data are not live; `None` if they are.
     pub stale: Option<Staleness>,
     /// The data.
     pub data: T,
 }
 
 impl<T> View<T> {
-    /// Whether the data may be shown as live.
+    /// Whether the client may show the data as live.
     #[must_use]
     pub fn is_fresh(&self) -> bool {
         self.stale.is_none()
@@ -45,17 +45,17 @@ impl<T> Reading<T> {
     }
 }
 
-/// The moment by which one call judges all its data. Take it after the last copy: data that were live before and are
-/// old now are not shown as live. Judging makes no system call, for thousands of samples as for one.
+/// The moment by which one call judges all its data. Take it after the last copy: then data that have become old
+/// meanwhile do not pass as live. Judging makes no system call, for thousands of samples as for one.
 pub(super) struct Moment {
     now_ns: u64,
     realtime_offset_ns: i64,
-    /// Why nothing in the segment is live.
+    /// Why no data of the segment are live.
     pub(super) stale: Option<Staleness>,
 }
 
 impl Moment {
-    /// Now, in a segment that stood at `condition` when the call began. Makes no system call either.
+    /// Now, in a segment that had `condition` when the call began. Makes no system call either.
     pub(super) fn now(subscriber: &Subscriber, condition: Condition) -> Self {
         let now_ns = subscriber.now_ns();
         let header = subscriber.header();

@@ -1,4 +1,4 @@
-//! Gathered samples, as the daemon publishes them while it follows a gather: the segment's gather region
+//! Gathered samples, which the daemon publishes while it follows a gather: the segment's gather region
 //! ([`crate::segment::payload::gather`]).
 
 use super::{Board, ClientError};
@@ -14,10 +14,10 @@ pub struct GatherFollower {
 }
 
 impl GatherFollower {
-    /// The next samples, or `None` when there are none yet.
+    /// The next samples; `None` if there are none yet.
     ///
     /// # Errors
-    /// [`ClientError::Segment`], also when the daemon was restarted.
+    /// [`ClientError::Segment`], also after a restart of the daemon.
     pub fn next(&mut self, board: &mut Board) -> Result<Option<GatherChunk>, ClientError> {
         board.refresh()?;
         if !board.subscriber().next(&mut self.cursor, &mut self.sample)? {
@@ -57,7 +57,7 @@ impl GatherRun {
         Self { follower, columns, gather: None, next: 0, ended: None }
     }
 
-    /// The number of the next sample, from 0. All earlier ones were taken or lost.
+    /// The number of the next sample, from 0. The run has taken or lost all earlier samples.
     #[must_use]
     pub const fn next(&self) -> u64 {
         self.next
@@ -81,7 +81,7 @@ impl GatherRun {
     ) -> Result<Taken, E> {
         let Some(chunk) = self.follower.next(board)? else { return Ok(Taken::Nothing) };
         if self.gather.is_none() && chunk.phase != GatherPhase::Running && chunk.first > 0 {
-            // The end of the gather before.
+            // The end of the previous gather.
             return Ok(Taken::Some);
         }
         if *self.gather.get_or_insert(chunk.gather) != chunk.gather {
@@ -109,7 +109,7 @@ impl Board {
     /// A follower of the gathers that the daemon publishes from now on.
     ///
     /// # Errors
-    /// [`ClientError::Segment`] if this daemon publishes none.
+    /// [`ClientError::Segment`] if this daemon publishes no gathers.
     pub fn follow_gather(&mut self) -> Result<GatherFollower, ClientError> {
         self.refresh()?;
         let next = self.subscriber().published(RegionId::Gather)?.saturating_add(1);

@@ -1,4 +1,4 @@
-//! What a call of the client costs, and what it keeps.
+//! The system calls of the client's methods, and the state that the client keeps.
 
 use super::*;
 use crate::map::PMAC;
@@ -42,7 +42,7 @@ impl Rig {
 
     fn publish(&mut self) {
         let stamp = Stamp { time_ns: monotonic_ns(), servo_timer: 0, valid: true };
-        // A block of zeros is no motor's.
+        // A block of zeros belongs to no motor.
         let words: [u16; WORDS] = std::array::from_fn(|word| u16::from(word % 2 == 0));
         self.publisher.publish(RegionId::Servo, stamp, &words);
     }

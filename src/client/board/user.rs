@@ -1,4 +1,4 @@
-//! The site's own words: what its programs write into the DPRAM, by the names of the daemon's configuration.
+//! The site's own words, which its programs write into the DPRAM, by the names of the daemon's configuration.
 //!
 //! Names, formats and units come from the segment, so a reader needs neither the configuration nor the socket.
 
@@ -12,19 +12,19 @@ pub use crate::map::user_word::UserWord;
 use crate::segment::payload::user;
 use crate::segment::{RegionId, RegionInfo, SegmentError};
 
-/// The words of one moment.
+/// The site's words at one moment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UserData {
-    /// All of them, in the order of the configuration.
+    /// All words, in the order of the configuration.
     pub words: Vec<UserValues>,
 }
 
 /// One name and its values.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UserValues {
-    /// The name, its place and its format.
+    /// The name, with its place and its format.
     pub word: UserWord,
-    /// As many as the configuration says; `None` where the board was writing them whenever the daemon read.
+    /// The values; `None` if the board was writing them each time the daemon read.
     pub values: Option<Vec<Value>>,
 }
 
@@ -49,7 +49,7 @@ impl UserValues {
 }
 
 impl UserData {
-    /// The word of this name.
+    /// The word called `name`.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<&UserValues> {
         self.words.iter().find(|values| *values.word.name == *name)
@@ -57,7 +57,7 @@ impl UserData {
 }
 
 impl Board {
-    /// The site's own words; `None` before the first, and where the configuration names none.
+    /// The site's own words; `None` before the first sample, or if the configuration names no words.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -67,7 +67,7 @@ impl Board {
         self.judged(&super::Moment::now(&self.subscriber, condition), RegionId::User, reading)
     }
 
-    /// Their names, places and units; empty where the configuration names none.
+    /// The words' names, places and units; empty if the configuration names no words.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -76,7 +76,8 @@ impl Board {
         Ok(self.table()?.unwrap_or_default())
     }
 
-    /// Samples of the words from number `since` on, at most `most`, as [`Board::history`]; none where the configuration names none.
+    /// Samples of the words from number `since` on, at most `most`, as [`Board::history`]; empty if the configuration
+    /// names no words.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -95,7 +96,7 @@ impl Board {
         self.read(RegionId::User, |region, payload| decode(&words, region, payload))
     }
 
-    /// The words of the configuration, decoded once for each segment.
+    /// The words of the configuration; decoded once for each segment.
     fn table(&mut self) -> Result<Option<Vec<UserWord>>, ClientError> {
         let generation = self.subscriber.generation();
         let words = match self.user_words.take().filter(|(known, _)| *known == generation) {

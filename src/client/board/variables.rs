@@ -1,8 +1,8 @@
-//! Registers of the user's choice, as PMAC copies them in the background: the segment's variable region
+//! The users' registers that PMAC copies in the background: the segment's variable region
 //! ([`crate::segment::payload::variable`]).
 //!
-//! A program that wants PMAC to copy a register holds a [`VariableWatch`] open. Every reader of the segment sees the
-//! values of all watched registers.
+//! A program that wants a copy of a register keeps a [`VariableWatch`]. Every reader of the segment sees the values of
+//! all watched registers.
 
 use std::time::Duration;
 
@@ -26,7 +26,7 @@ impl Board {
         })
     }
 
-    /// Sleeps until there are variables newer than number `after`, at most `timeout`; false when there are none.
+    /// Sleeps until the segment has variables newer than number `after`, at most `timeout`; false without newer ones.
     ///
     /// # Errors
     /// [`ClientError::Segment`].
@@ -36,11 +36,11 @@ impl Board {
         Ok(outcome == WaitOutcome::Newer)
     }
 
-    /// Has PMAC copy the registers `names` in the background until the caller drops the returned watch; their values
-    /// come in [`Board::variables`]. Uses a connection of its own.
+    /// Has PMAC copy the registers `names` in the background until the caller drops the returned watch.
+    /// [`Board::variables`] has their values. The watch has a connection of its own.
     ///
     /// # Errors
-    /// [`CommandError`]; refused when none of PMAC's 128 entries is left, or I55 is not 1.
+    /// [`CommandError`]; the daemon refuses if none of PMAC's 128 entries is left, or I55 is not 1.
     pub fn watch_variables(&self, names: &[VariableName]) -> Result<VariableWatch, CommandError> {
         Connection::open(self.socket())?.of_board(self.name())?.watch_variables(names)
     }

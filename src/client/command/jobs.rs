@@ -1,4 +1,4 @@
-//! Calls for the control panel and open words of the DPRAM.
+//! Calls for the control panel, and writes of DPRAM words.
 //!
 //! Every call is bounded: by the daemon's time for the board, and a margin for the daemon's answer.
 
@@ -11,9 +11,9 @@ use crate::map::HostOffset;
 use crate::protocol::board::{Done, JogRenewReply, NotesReply};
 use crate::protocol::calls;
 
-/// More than the daemon gives the board for a job, the question before it included.
+/// More than the daemon gives the board for a job and the question before it.
 const JOB_TIMEOUT: Duration = Duration::from_secs(5);
-/// A renewal may take so long; the lease is over long before.
+/// The time limit of a renewal; the lease is over long before.
 const RENEW_TIMEOUT: Duration = Duration::from_secs(1);
 
 impl Connection {
@@ -34,14 +34,14 @@ impl Connection {
     /// `stop`, `hold` for coordinate systems) for `numbers`, from 1, all at once. Returns when the board has taken it.
     ///
     /// # Errors
-    /// [`CommandError`]; [`crate::protocol::CallError::Refused`] in it when I2 is not 3, or the board did not take it in
-    /// time: it has been withdrawn then.
+    /// [`CommandError`], with [`crate::protocol::CallError::Refused`] inside if I2 is not 3, or if the board did not
+    /// take the request in time: then the daemon has withdrawn it.
     pub fn panel(&mut self, action: &str, numbers: &[u8]) -> Result<(), CommandError> {
         self.job("Panel", &self.panel_call(action, numbers))
     }
 
-    /// Begins a jog (`jog-` or `jog+`) that goes on only while [`Connection::panel_renew`] follows at least every 200 ms.
-    /// [`crate::client::HeldJog`] does that.
+    /// Begins a jog (`jog-` or `jog+`) that goes on only while [`Connection::panel_renew`] follows at least every 200
+    /// ms. [`crate::client::HeldJog`] sends these renewals.
     ///
     /// # Errors
     /// As [`Connection::panel`].
@@ -49,17 +49,17 @@ impl Connection {
         self.job("PanelHold", &self.panel_call(action, numbers))
     }
 
-    /// Says that the holder of this connection's jogs still lives. Waits a second at most.
+    /// Tells the daemon that the holder of this connection's jogs is alive. Waits a second at most.
     ///
     /// # Errors
-    /// [`CommandError`]; refused without a held jog.
+    /// [`CommandError`]; the daemon refuses without a held jog.
     pub fn panel_renew(&mut self) -> Result<(), CommandError> {
         let Done {} = self.call("PanelRenew", &calls::NoParameters {}, RENEW_TIMEOUT)?;
         Ok(())
     }
 
-    /// Says that this client is still there, as any call does ([`crate::client::command::SendAs::silence_ms`]). Whether a motor may
-    /// still jog that is to stop with this connection.
+    /// Tells the daemon that this client is alive, as any call does ([`crate::client::command::SendAs::silence_ms`]).
+    /// Returns whether a motor that must stop with this connection may still jog.
     ///
     /// # Errors
     /// [`CommandError`].
@@ -68,19 +68,19 @@ impl Connection {
         Ok(reply.going)
     }
 
-    /// Jogs `motor` (from 1) to `position`, in counts from home, and returns when the board has taken the line. Rounded to 1/32 of a
-    /// count.
+    /// Jogs `motor` (from 1) to `position`, in counts from home, rounded to 1/32 of a count. Returns when the board has
+    /// taken the line.
     ///
     /// # Errors
-    /// [`CommandError`]; refused, with nothing sent, while another connection holds a jog of the motor, while its loop is open, and
-    /// while a program buffer is open.
+    /// [`CommandError`]; the daemon refuses, with nothing sent, while another connection holds a jog of the motor,
+    /// while the motor's loop is open, and while a program buffer is open.
     pub fn jog_to(&mut self, motor: u8, position: f64) -> Result<(), CommandError> {
         self.job("JogTo", &calls::JogTo { motor: motor.into(), position })
     }
 
     /// Overrides the feed rate of `coordinate_system` (from 1) with `raw` (1/32768 ms, 0 to 32767; 14507 is 100 % at
-    /// the default I10), until `None` releases it. Returns a reason against an effect: an Ix93 that points elsewhere,
-    /// or a board that could not be asked.
+    /// the default I10), until `None` releases it. Returns why the override may have no effect: an Ix93 that points
+    /// elsewhere, or a board that did not answer.
     ///
     /// # Errors
     /// As [`Connection::panel`].
@@ -95,11 +95,11 @@ impl Connection {
         Ok(reply.notes)
     }
 
-    /// Writes consecutive 16-bit words (1 to 64) from `first` on: of each, its value and the mask of the bits to change.
-    /// A word with mask 0 is not touched. Unless `anywhere`, all have to lie in the user area.
+    /// Writes consecutive 16-bit words (1 to 64) from `first` on: each with its value and the mask of the bits to
+    /// change. A word with mask 0 stays untouched. Unless `anywhere`, all words must lie in the user area.
     ///
     /// # Errors
-    /// [`CommandError`]; refused when a word belongs to a function. Nothing has been written then.
+    /// [`CommandError`]; the daemon refuses, with nothing written, if a function owns one of the words.
     pub fn write(
         &mut self,
         first: HostOffset,

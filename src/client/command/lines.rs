@@ -1,4 +1,4 @@
-//! Sequences of command lines, which the daemon runs for this connection alone.
+//! Sequences of command lines, which the daemon runs for this connection.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -11,10 +11,10 @@ use crate::protocol::message::encode;
 use crate::protocol::parameters::to_map;
 use crate::protocol::{BOARD, Call, CallError, calls};
 
-/// Lines of one call: few, so that a sequence ends soon after a request.
+/// Lines in one call: few, so that a sequence ends soon after a request.
 const AT_ONCE: usize = 8;
 
-/// How a sequence of lines is run.
+/// How the daemon runs a sequence of lines.
 #[derive(Debug, Clone, Copy)]
 pub struct LinesOptions<'a> {
     /// The sequence's name for others, in lower-case letters: `download`.
@@ -25,7 +25,7 @@ pub struct LinesOptions<'a> {
     pub keep_going: bool,
 }
 
-/// A sequence of command lines that the daemon runs. To be ended by [`LineSequence::finish`]; the daemon ends it too when
+/// A sequence of command lines that the daemon runs. End it by [`LineSequence::finish`]; the daemon also ends it when
 /// the connection is gone, or silent for 5 s.
 #[derive(Debug)]
 pub struct LineSequence<'c> {
@@ -37,25 +37,26 @@ pub struct LineSequence<'c> {
 }
 
 impl Connection {
-    /// Begins a sequence with its first lines: no other one runs until it is over.
+    /// Begins a sequence with its first lines. No other sequence runs until this one is over.
     pub fn lines<'c>(&'c mut self, options: LinesOptions<'c>) -> LineSequence<'c> {
         LineSequence { connection: self, options, at_end: None, over: None, stop: None }
     }
 
     /// Runs `lines` as one sequence. `told` gets each line's outcome as it happens; if it returns `false`, the sequence
-    /// ends soon. Returns the last reply: the number of lines that the board has taken, and what the sequence leaves on
-    /// the board. The daemon closes a program buffer that the lines have opened, also when this process dies.
+    /// ends soon. Returns the last reply: the number of lines that the board has taken, and the state in which the
+    /// sequence leaves the board. The daemon closes a program buffer that the lines have opened, even if this process
+    /// dies.
     ///
     /// # Errors
-    /// [`CommandError`]; [`crate::protocol::CallError::Refused`] in it, with nothing sent, while another client runs a
-    /// sequence of lines.
+    /// [`CommandError`]. The daemon refuses with [`crate::protocol::CallError::Refused`], with nothing sent, while
+    /// another client runs a sequence of lines.
     pub fn run_lines<L: AsRef<str>>(
         &mut self,
         options: LinesOptions<'_>,
         lines: &[L],
         told: impl FnMut(&RunLinesReply) -> bool,
     ) -> Result<RunLinesReply, CommandError> {
-        // The daemon refuses such a line as well, but may have sent others before.
+        // The daemon refuses such a line, too, but may have sent others before it.
         let cuts_off = |line: &&str| Meaning::of(line).settings.cuts_off;
         let mut all = lines.iter().map(AsRef::as_ref).filter(|_| !self.confirms);
         if let Some(line) = all.find(|line| cuts_off(line).is_certain()) {
@@ -68,13 +69,13 @@ impl Connection {
 }
 
 impl<'c> LineSequence<'c> {
-    /// From now on gives the sequence up once `stop` is true, behind the line under way: the connection is closed, and the daemon
+    /// Gives up the sequence when `stop` becomes true, after the line under way: closes the connection, and the daemon
     /// ends the sequence.
     pub fn stop_on(&mut self, stop: &'c AtomicBool) {
         self.stop = Some(stop);
     }
 
-    /// Lines that the daemon sends at the end, whatever ends the sequence: they put the board back.
+    /// The lines that the daemon sends at the end of the sequence, for whatever reason it ends: they restore the board.
     pub fn at_end(&mut self, lines: Vec<String>) {
         self.at_end = Some(lines);
     }
@@ -85,9 +86,8 @@ impl<'c> LineSequence<'c> {
         self.at_end.is_some()
     }
 
-    /// Runs `lines`. `told` gets each line's outcome; if it returns `false`, the daemon leaves the rest out. Returns
-    /// whether the sequence goes on: a failed line ends it, and [`LineSequence::finish`] tells what the sequence
-    /// leaves.
+    /// Runs `lines`. `told` gets each line's outcome; if it returns `false`, the daemon leaves out the rest. Returns
+    /// whether the sequence goes on: a failed line ends it, and [`LineSequence::finish`] tells the state of the board.
     ///
     /// # Errors
     /// As [`Connection::run_lines`].
@@ -109,7 +109,7 @@ impl<'c> LineSequence<'c> {
         Ok(goes_on && self.over.is_none())
     }
 
-    /// Says that the owner still lives, between two calls of `run`.
+    /// Tells the daemon between two calls of `run` that the owner is alive.
     ///
     /// # Errors
     /// As [`Connection::sequence_renew`].
@@ -117,8 +117,8 @@ impl<'c> LineSequence<'c> {
         self.connection.sequence_renew()
     }
 
-    /// Ends the sequence. The last reply: the number of lines that the board has taken, and what the sequence leaves on
-    /// the board.
+    /// Ends the sequence. Returns the last reply: the number of lines that the board has taken, and the state in which
+    /// the sequence leaves the board.
     ///
     /// # Errors
     /// [`CommandError`].
@@ -159,7 +159,7 @@ impl<'c> LineSequence<'c> {
             let continues = reply.continues == Some(true);
             let reply: Result<RunLinesReply, CommandError> = read_reply(reply);
             if !continues {
-                // A connection can be used again only after its last reply.
+                // Only after its last reply can the connection take another call.
                 self.connection.link = Some(link);
                 self.over = Some(reply?).filter(|reply| reply.over);
                 return Ok(());

@@ -1,5 +1,5 @@
-//! The socket to the daemon: whole calls go out, whole replies come in, and no wait goes beyond its deadline. A process that is
-//! forked from this one has the same socket, but neither sends nor reads over it: each would get the other's replies.
+//! The socket to the daemon. Whole calls go out, whole replies come in, and no wait goes beyond its deadline. A forked
+//! process has the same socket, but neither sends nor reads over it: parent and child would get each other's replies.
 
 use std::io::{self, Read, Write};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
@@ -16,7 +16,7 @@ use crate::protocol::{Inbox, REPLY_MAX, Reply};
 pub(super) struct Link {
     stream: UnixStream,
     inbox: Inbox,
-    /// The process that it belongs to.
+    /// The process that made the socket.
     pub(super) process: u32,
 }
 
@@ -25,7 +25,7 @@ impl Link {
         Self { stream, inbox: Inbox::new(REPLY_MAX), process: std::process::id() }
     }
 
-    /// Sends a whole call. The daemon begins no call before its end.
+    /// Sends a whole call. The daemon begins no call that it has not received whole.
     pub(super) fn call(&mut self, mut bytes: &[u8], deadline: Instant) -> io::Result<()> {
         while !bytes.is_empty() {
             let left = left(deadline).ok_or(io::ErrorKind::TimedOut)?;
@@ -38,8 +38,8 @@ impl Link {
         Ok(())
     }
 
-    /// The next reply. A reply in the socket counts however late it is read: the deadline may have passed while this
-    /// process was suspended, and the daemon has answered.
+    /// The next reply. A reply in the socket counts however late this process reads it: the deadline may have passed
+    /// while the process was suspended.
     pub(super) fn next_reply(&mut self, deadline: Instant) -> io::Result<Reply> {
         let mut chunk = [0; 8192];
         loop {
@@ -78,13 +78,13 @@ impl AsFd for Link {
     }
 }
 
-/// The moment `timeout` from now; a day from now when that is beyond the clock.
+/// The moment `timeout` from now; a day from now if the clock cannot count that far.
 pub(super) fn after(timeout: Duration) -> Instant {
     let now = Instant::now();
     now.checked_add(timeout).unwrap_or(now + Duration::from_secs(86_400))
 }
 
-/// The time left until `deadline`, which must not be zero for a socket's time-out; `None` when it has passed.
+/// The time left until `deadline`, never zero, which a socket's time-out must not be; `None` after the deadline.
 fn left(deadline: Instant) -> Option<Duration> {
     Some(deadline.saturating_duration_since(Instant::now())).filter(|left| !left.is_zero())
 }
@@ -106,7 +106,7 @@ mod tests {
         let (ours, mut theirs) = UnixStream::pair().unwrap();
         let mut link = Link::new(ours);
         theirs.write_all(b"{\"parameters\":{\"lines\":[]}}\0{\"par").unwrap();
-        // The process goes on, and the deadline has passed.
+        // The process goes on after its deadline.
         let passed = Instant::now();
         assert!(link.next_reply(passed).unwrap().parameters.is_some());
         let error = link.next_reply(passed).unwrap_err();

@@ -1,4 +1,4 @@
-//! The texts that the board's programs send by themselves.
+//! The texts that the board's programs send.
 
 use std::io;
 use std::path::PathBuf;
@@ -12,7 +12,7 @@ use crate::protocol::message::encode;
 use crate::protocol::{BOARD, Call, Message};
 
 impl Connection {
-    /// Turns the connection into a stream of the texts that the board's programs send by themselves.
+    /// Turns the connection into a stream of the texts that the board's programs send.
     ///
     /// # Errors
     /// [`CommandError`].
@@ -27,7 +27,7 @@ impl Connection {
     }
 }
 
-/// The texts that the board's programs send by themselves, as they come.
+/// A stream of the texts that the board's programs send.
 #[derive(Debug)]
 pub struct Messages {
     path: PathBuf,
@@ -36,7 +36,7 @@ pub struct Messages {
 }
 
 impl Messages {
-    /// The next text, or `None` when none has come within `timeout` or the stream has ended.
+    /// The next text; `None` if no text has come within `timeout`, or the stream has ended.
     ///
     /// # Errors
     /// [`CommandError`] when the connection broke; the stream has then ended.
@@ -57,7 +57,7 @@ impl Messages {
         read_reply(reply).map(Some)
     }
 
-    /// Whether no more texts will come: the daemon has ended the stream, or the connection broke.
+    /// Whether the stream is over: the daemon has ended it, or the connection broke.
     #[must_use]
     pub fn ended(&self) -> bool {
         self.ended

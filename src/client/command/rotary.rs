@@ -1,4 +1,4 @@
-//! A stream into a binary rotary buffer, which the daemon sets up and ends for this connection alone.
+//! A stream into a binary rotary buffer, which the daemon sets up and ends for this connection.
 
 use std::time::Duration;
 
@@ -7,14 +7,14 @@ use crate::map::HostOffset;
 use crate::protocol::board::{Done, RotaryStartReply, RotaryStateReply, RotaryStopReply};
 use crate::protocol::calls::{self, LeftLines};
 
-/// More than the daemon gives the lines of the set-up, or of the end, where the board answers all of them late.
+/// More than the daemon gives the lines of the set-up or of the end, even if the board answers all of them late.
 const SET_UP_WITHIN: Duration = Duration::from_secs(60);
 
-/// Where a binary rotary buffer lies, which system it feeds, and how the stream goes. Without start or size the stream
-/// takes the daemon's own room.
+/// A binary rotary buffer's place, its coordinate system, and the course of the stream. Without start or size the
+/// stream takes the daemon's own room.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RotaryPlace {
-    /// Which buffer, from 1.
+    /// The buffer's number, from 1.
     pub buffer: u8,
     /// Its first word.
     pub start: Option<HostOffset>,
@@ -26,7 +26,7 @@ pub struct RotaryPlace {
     pub coordinate_system_base: u8,
     /// Define the board's own rotary buffer first, with so many words.
     pub define_longs: Option<u32>,
-    /// What to do with lines that are left in the board's own buffer; without it, such lines are a reason to refuse.
+    /// What to do with lines left in the board's own buffer; `None`: the daemon refuses if there are any.
     pub left: Option<LeftLines>,
     /// Start the program when its first lines are there.
     pub run: bool,
@@ -41,8 +41,8 @@ impl Connection {
     /// left in the board's own buffer. The stream ends with the connection, or after 5 s without a call.
     ///
     /// # Errors
-    /// [`CommandError`]; refused while another client streams into the buffer, if lines are left and `left` is `None`,
-    /// or if the board refuses a line of the set-up.
+    /// [`CommandError`]. The daemon refuses while another client streams into the buffer, if lines are left and `left`
+    /// is `None`, or if the board refuses a line of the set-up.
     pub fn rotary_start(&mut self, place: RotaryPlace) -> Result<RotaryStartReply, CommandError> {
         let parameters = calls::RotaryStart {
             buffer: place.buffer,
@@ -59,29 +59,29 @@ impl Connection {
         self.call_used("RotaryStart", &parameters, SET_UP_WITHIN)
     }
 
-    /// Says that the program is whole: no line follows in this connection's stream into rotary buffer `buffer` (from
-    /// 1).
+    /// Tells the daemon that the program is whole: no line follows in this connection's stream into rotary buffer
+    /// `buffer` (from 1).
     ///
     /// # Errors
-    /// [`CommandError`]; refused without such a stream.
+    /// [`CommandError`]; the daemon refuses without such a stream.
     pub fn rotary_finish(&mut self, buffer: u8) -> Result<(), CommandError> {
         let Done {} = self.call("RotaryFinish", &calls::Rotary { buffer }, DAEMON_TIMEOUT + MARGIN)?;
         Ok(())
     }
 
-    /// Ends this connection's stream, and its program unless that is whole in the board. For a stream that has ended:
-    /// how it did.
+    /// Ends this connection's stream, and its program unless the board has the whole program. For a stream that has
+    /// ended already, tells how it ended.
     ///
     /// # Errors
-    /// [`CommandError`]; refused if this connection never had such a stream.
+    /// [`CommandError`]; the daemon refuses if this connection never had such a stream.
     pub fn rotary_stop(&mut self, buffer: u8) -> Result<RotaryStopReply, CommandError> {
         self.call("RotaryStop", &calls::Rotary { buffer }, SET_UP_WITHIN)
     }
 
-    /// How far rotary buffer `buffer` (from 1) is.
+    /// The state of rotary buffer `buffer` (from 1).
     ///
     /// # Errors
-    /// [`CommandError`]; refused when the buffer has not been set up.
+    /// [`CommandError`]; the daemon refuses if no stream has set up the buffer.
     pub fn rotary_state(&mut self, buffer: u8) -> Result<RotaryStateReply, CommandError> {
         self.call("RotaryState", &calls::Rotary { buffer }, DAEMON_TIMEOUT + MARGIN)
     }

@@ -6,11 +6,11 @@ use crate::protocol::calls;
 
 impl Connection {
     /// The daemon's accesses to the bus since this connection's last call. The first call begins the trace, which ends
-    /// with the connection or after 5 s without a call. With `end` the daemon keeps no more accesses: the rest comes in
-    /// this reply and the next ones, until one is empty.
+    /// with the connection or after 5 s without a call. With `end` the daemon records no more accesses: this reply and
+    /// the next ones bring the rest, until a reply is empty.
     ///
     /// # Errors
-    /// [`CommandError`]; refused while another client traces.
+    /// [`CommandError`]; the daemon refuses while another client traces.
     pub fn trace(&mut self, end: bool) -> Result<TraceReply, CommandError> {
         self.call("Trace", &calls::Trace { end: Some(end) }, DAEMON_TIMEOUT)
     }

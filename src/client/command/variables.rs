@@ -17,11 +17,11 @@ use crate::protocol::parameters::to_map;
 use crate::protocol::{BOARD, Call, CallError, calls};
 
 impl Connection {
-    /// Turns the connection into a watch on registers and function blocks: PMAC copies them in the background until it is dropped. Returns when the
-    /// board has the table with them.
+    /// Turns the connection into a watch on registers and function blocks. PMAC copies them in the background until the
+    /// caller drops the watch. Returns when the board has the table with them.
     ///
     /// # Errors
-    /// [`CommandError`]; [`CallError::Refused`] in it when no entry is left, or I55 is not 1.
+    /// [`CommandError`], with [`CallError::Refused`] inside if no entry is left, or I55 is not 1.
     pub fn watch_variables(mut self, names: &[VariableName]) -> Result<VariableWatch, CommandError> {
         let registers = names.iter().map(ToString::to_string).collect();
         let parameters = to_map(&calls::WatchVariables { registers });
@@ -37,10 +37,11 @@ impl Connection {
         Ok(VariableWatch { path, link, table })
     }
 
-    /// Has PMAC write registers in the background, in their order, and waits until it has.
+    /// Has PMAC write registers in the background, in this order, and waits until PMAC has written them.
     ///
     /// # Errors
-    /// [`CommandError`]; [`CallError::Refused`] in it, with nothing written, for a register that PMAC cannot write.
+    /// [`CommandError`], with [`CallError::Refused`] inside, and nothing written, for a register that PMAC cannot
+    /// write.
     pub fn write_variables(
         &mut self,
         records: &[VariableRecord],
@@ -53,7 +54,7 @@ impl Connection {
     }
 }
 
-/// Registers that PMAC copies as long as this is there.
+/// Registers that PMAC copies as long as this value exists.
 #[derive(Debug)]
 pub struct VariableWatch {
     path: PathBuf,
@@ -68,7 +69,7 @@ impl VariableWatch {
         self.table
     }
 
-    /// Whether the daemon still holds the watch. Does not wait: to wait, poll the descriptor, which becomes readable at
+    /// Whether the daemon still holds the watch. Does not wait; to wait, poll the descriptor, which becomes readable at
     /// the watch's end.
     ///
     /// # Errors
@@ -81,7 +82,7 @@ impl VariableWatch {
         }
         match self.link.next_reply(after(DAEMON_TIMEOUT)) {
             Err(source) => Err(CommandError::StreamEnded { path: self.path.clone(), source }),
-            // The only reply has come already; another one can only be the end.
+            // The only reply has come already; another reply can only be the end.
             Ok(reply) => match reply.error() {
                 Some(error) => Err(error.into()),
                 None => Err(CallError::Protocol("a second reply to a watch".to_owned()).into()),
