@@ -14,16 +14,16 @@ pub struct Column {
     pub name: String,
     /// The register, `D:$002B`.
     pub register: String,
-    /// How its longs are read.
+    /// How to read its longs.
     pub reading: Reading,
     /// Factor from the read number to `unit`.
     pub factor: f64,
-    /// The unit; empty where none is known.
+    /// The unit; empty if none is known.
     pub unit: &'static str,
 }
 
 impl Column {
-    /// The column of `source`, in counts, DAC bits or milliseconds where the scale is known, else in raw units.
+    /// The column of `source`, in counts, DAC bits or milliseconds if the scale is known, else in raw units.
     #[must_use]
     pub fn new(source: &Source, scales: &Scales) -> Self {
         let motor = source.motor.map(|motor| scales.motor(motor)).unwrap_or_default();
@@ -54,7 +54,7 @@ impl Column {
         Field::new(&self.name, self.unit, FieldKind::Real)
     }
 
-    /// Name and unit, as a table's head has it.
+    /// Name and unit, for a table's head.
     #[must_use]
     pub fn title(&self) -> String {
         self.field().title()
@@ -79,7 +79,7 @@ pub fn decode(columns: &[Column], sample: &[u32], values: &mut Vec<f64>) {
     }
 }
 
-/// When samples are taken.
+/// The times of samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SampleClock {
     /// Servo cycles from one sample to the next (I19).

@@ -1,5 +1,5 @@
-//! Data gathering without a board (layer 1): the sources, the lines that make a board gather, and the samples' meaning
-//! (DPRAM manual p. 25-26).
+//! Data gathering without a board (layer 1): the sources, the lines that make a board gather, and the meaning of the
+//! samples (DPRAM manual p. 25-26).
 //!
 //! A sample is the values of the chosen sources in the order of I21 to I44, each one long (`Y:`, `X:`) or two (`D:`,
 //! `L:`, Y half first). [`Source`] names one, [`plan()`] makes the columns, [`gather_lines`] the lines, [`Column`]

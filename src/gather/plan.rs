@@ -52,16 +52,16 @@ pub struct GatherPlan {
     pub columns: Vec<Column>,
 }
 
-/// A request that no board can fulfil.
+/// An impossible request.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlanError {
     /// Too few or too many sources.
     #[error("{count} sources cannot be gathered at once; 1 to {most} can (I{first} to I{last})")]
     Sources {
-        /// How many were asked for.
+        /// The requested number.
         count: usize,
-        /// The most there can be.
+        /// The largest possible number.
         most: usize,
         /// The first source's I-variable.
         first: usize,
@@ -74,7 +74,7 @@ pub enum PlanError {
         /// Its name.
         name: String,
     },
-    /// The period cannot be that.
+    /// A period outside the range.
     #[error(
         "a period of {period} servo cycles is not possible; 1 to {MOST_PERIOD} are (I{variable}; 0 stops gathering)"
     )]
@@ -89,19 +89,19 @@ pub enum PlanError {
         "a gather buffer of {longs} longs, in whole samples of {sample_longs}, is not possible; there is room for {room} from {start} on"
     )]
     Buffer {
-        /// Its length in longs, as it was asked for.
+        /// The requested length in longs.
         longs: u32,
         /// Longs of one sample.
         sample_longs: u32,
         /// The longest buffer that fits.
         room: u32,
-        /// Where the board has the buffer, as a PMAC address.
+        /// The buffer's place on the board, as a PMAC address.
         start: String,
     },
 }
 
-/// The lines up to and with `DEFINE GATHER`, in order, for registers with these `codes`. After them the index is 0 and nothing
-/// moves: the time to begin reading, before `GATHER`.
+/// The lines up to and with `DEFINE GATHER`, in order, for registers with these `codes`. After them the index is 0 and
+/// the board stores nothing: the time to begin reading, before `GATHER`.
 #[must_use]
 pub fn gather_lines(
     i: &IVariables,
@@ -123,10 +123,10 @@ fn room_longs(layout: &Layout) -> u32 {
     layout.family().length.saturating_sub(layout.gather().buffer.bytes()) / 4
 }
 
-/// Plans a gather on a board with `layout`; `scales` as far as they are known.
+/// Plans a gather on a board with `layout`; `scales` may have gaps.
 ///
 /// # Errors
-/// [`PlanError`]; nothing has to be undone then.
+/// [`PlanError`]; the caller has nothing to undo then.
 pub fn plan(request: &GatherRequest, layout: &Layout, scales: &Scales) -> Result<GatherPlan, PlanError> {
     let sources = &request.sources;
     let count = sources.len();
@@ -213,7 +213,7 @@ mod tests {
 
     #[test]
     fn sizes_are_whole_samples_and_fit_where_the_firmware_has_the_buffer() {
-        // The manual's example: 4000 longs of 3 are 4002 really.
+        // The manual's example: 4000 longs at 3 a sample become 4002.
         let mut request = request(&["1.actual_position", "X:$0033"]);
         request.buffer_longs = Some(4000);
         assert!(matches!(planned(&request, None), Err(PlanError::Buffer { longs: 4000, room: 3584, .. })));

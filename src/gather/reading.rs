@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use crate::format::{fixed48, float48, int24};
 
-/// How a register's longs are to be read. The register alone does not tell: a word may have a sign or none.
+/// How to read a register's longs. The register alone does not tell: a word may have a sign or none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reading {

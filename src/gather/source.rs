@@ -1,9 +1,9 @@
 //! The sources of a gather, by name or by address.
 //!
-//! The names are those of the register table: a register that the servo or background report copies can be gathered by
-//! the report's name. `3.actual_position` is motor 3's, `cs2.program_status` coordinate system 2's, `servo_timer` the
-//! board's servo counter. Any other register goes by its address: `Y:$C003`, `X:$0033`, `D:$002B`, `L:$1005`; a 24-bit
-//! word is signed unless `,u` follows.
+//! The names are those of the register table: a gather can take a register that the servo or background report copies
+//! by the report's name. `3.actual_position` is motor 3's, `cs2.program_status` coordinate system 2's, `servo_timer`
+//! the board's servo counter. Any other register goes by its address: `Y:$C003`, `X:$0033`, `D:$002B`, `L:$1005`; a
+//! 24-bit word is signed unless `,u` follows.
 
 use super::reading::Reading;
 use crate::map::table::{Format, NumberKind};
@@ -16,15 +16,15 @@ pub struct Source {
     pub name: String,
     /// The register, with its code for I21 to I44.
     pub register: PmacRegister,
-    /// How its longs are to be read.
+    /// How to read its longs.
     pub reading: Reading,
-    /// The unit of the integer or number in the register, empty where none is known.
+    /// The unit of the integer or number in the register; empty if none is known.
     pub units: &'static str,
     /// The motor whose I-variables scale the source.
     pub motor: Option<usize>,
 }
 
-/// Text that names nothing that can be gathered.
+/// Text that names no source of a gather.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SourceError {
@@ -57,7 +57,7 @@ pub enum SourceError {
     Name {
         /// The text.
         text: String,
-        /// The names with this prefix, as a sentence.
+        /// The possible names with this prefix, as a sentence.
         known: String,
     },
 }
@@ -87,7 +87,7 @@ impl Owner {
         }
     }
 
-    /// The names there are, as they are written.
+    /// The possible names, as users write them.
     fn known(self, layout: &Layout) -> String {
         let whose = match self {
             Self::Board => {
@@ -122,7 +122,7 @@ impl Owner {
 }
 
 impl Source {
-    /// The names that may be typed on a board with `layout`: of the board, of motor 1 (`1.`), of coordinate system 1 (`cs1.`).
+    /// The possible names on a board with `layout`: of the board, of motor 1 (`1.`), of coordinate system 1 (`cs1.`).
     #[must_use]
     pub fn names(layout: &Layout) -> String {
         [Owner::Board, Owner::Motor, Owner::System].map(|owner| owner.names(layout)).join(", ")
@@ -131,7 +131,7 @@ impl Source {
     /// The source that `text` names on a board with `layout`.
     ///
     /// # Errors
-    /// [`SourceError`], which lists the names there are.
+    /// [`SourceError`], which lists the possible names.
     pub fn parse(text: &str, layout: &Layout) -> Result<Self, SourceError> {
         let text = text.trim();
         if text.contains([':', '$']) {
@@ -189,7 +189,7 @@ fn owner<'a>(text: &'a str, layout: &Layout) -> Result<(Owner, Option<usize>, &'
     }
 }
 
-/// The registers of `owner`'s `number` that are copies of one known register, which can be gathered just as well.
+/// The registers of `owner`'s `number` that are copies of one known register, which a gather can take just as well.
 fn gatherable(
     layout: &Layout,
     owner: Owner,
@@ -278,7 +278,7 @@ mod tests {
         for name in ["servo_timer", "1.actual_position", "cs1.program_status"] {
             assert_eq!(timer.matches(name).count(), 1, "{timer}");
         }
-        // One of three registers, by the program's state: not one that can be gathered.
+        // A copy of one of three registers, by the program's state: a gather cannot take it.
         assert!(!said("cs1.x_target_position").contains("x_target_position,"));
         for text in ["", "DP:$D200", "D:$002B,u", "X:$10000", "X:$33,7", "$33"] {
             assert!(parse(text).is_err(), "{text}");
