@@ -14,7 +14,7 @@ impl<W: Write> CsvWriter<W> {
     /// Writes the line of names: the fields' titles.
     ///
     /// # Errors
-    /// What `out` reports.
+    /// The output's error.
     pub fn new(mut out: W, fields: &[Field]) -> io::Result<Self> {
         for (index, field) in fields.iter().enumerate() {
             let comma = if index == 0 { "" } else { "," };
@@ -24,10 +24,10 @@ impl<W: Write> CsvWriter<W> {
         Ok(Self { out, kinds: fields.iter().map(|field| field.kind).collect() })
     }
 
-    /// Writes one row: a value a field. What is not known is not a number.
+    /// Writes one row: a value a field. An unknown value is NaN.
     ///
     /// # Errors
-    /// What the output reports.
+    /// The output's error.
     pub fn row(&mut self, values: &[f64]) -> io::Result<()> {
         for (index, (value, kind)) in values.iter().zip(&self.kinds).enumerate() {
             let comma = if index == 0 { "" } else { "," };
@@ -42,15 +42,15 @@ impl<W: Write> CsvWriter<W> {
         writeln!(self.out)
     }
 
-    /// What it writes to.
+    /// The output.
     pub fn output(&mut self) -> &mut W {
         &mut self.out
     }
 
-    /// Flushes and gives the output back.
+    /// Flushes and returns the output.
     ///
     /// # Errors
-    /// What the output reports.
+    /// The output's error.
     pub fn finish(mut self) -> io::Result<W> {
         self.out.flush()?;
         Ok(self.out)

@@ -1,5 +1,5 @@
-//! Which form a file of a table has: `log`, `gather` and `tune` write it, `plot` reads it. [`super::csv`] writes a line of the
-//! one, [`super::npy`] an element of the other.
+//! The form of a table's file: `log`, `gather` and `tune` write it, `plot` reads it. [`super::csv`] writes a line of
+//! the one form, [`super::npy`] an element of the other.
 
 use std::path::Path;
 

@@ -1,8 +1,8 @@
 //! Tables of numbers in files (layer 1): named fields with units, and rows.
 //!
-//! | file | what is in it |
+//! | file | content |
 //! |---|---|
-//! | `file_format` | which form a file has, by its name |
+//! | `file_format` | a file's form, by its name |
 //! | `csv` | a line of text |
 //! | `npy` | an element of a NumPy array |
 //! | `read` | reads both |
@@ -19,7 +19,7 @@ pub use file_format::FileFormat;
 pub use npy::NpyWriter;
 pub use read::{ReadError, Table};
 
-/// How the numbers of a field are written.
+/// How to write the numbers of a field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FieldKind {
@@ -27,7 +27,7 @@ pub enum FieldKind {
     Integer,
     /// A time in seconds, in text to the nanosecond.
     Seconds,
-    /// Any: in text the shortest that reads back as the same f64.
+    /// Any number: in text, the shortest that reads back as the same f64.
     Real,
 }
 
@@ -36,9 +36,9 @@ pub enum FieldKind {
 pub struct Field {
     /// Its name; no other field has it.
     pub name: String,
-    /// The unit; empty where none is known.
+    /// The unit; empty if none is known.
     pub unit: String,
-    /// How its numbers are written.
+    /// How to write its numbers.
     pub kind: FieldKind,
 }
 
@@ -49,7 +49,7 @@ impl Field {
         Self { name: name.into(), unit: unit.into(), kind }
     }
 
-    /// Name and unit, as a table's head has it.
+    /// Name and unit, for a table's head.
     #[must_use]
     pub fn title(&self) -> String {
         if self.unit.is_empty() { self.name.clone() } else { format!("{} [{}]", self.name, self.unit) }

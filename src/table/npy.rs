@@ -1,8 +1,10 @@
-//! A table as a NumPy file, `.npy` version 1.0: one-dimensional, one structured element a row, with a field `<i8` for whole numbers
-//! and `<f8` for others, by its name. The field's title, which NumPy keeps beside the name, has the unit.
+//! A table as a NumPy file, `.npy` version 1.0: one-dimensional, a structured element for each row. Its fields have the
+//! type `<i8` for whole numbers and `<f8` for others. The field's title, which NumPy keeps beside the name, has the
+//! unit.
 //!
-//! The header says how many elements there are, which nobody knows before the end: it keeps room for any number, and
-//! [`NpyWriter::note`] writes the present one into it, so that a file that was cut off can be read up to there.
+//! The header says how many elements follow, which the writer does not know before the end. So the header has room for
+//! any number, and [`NpyWriter::note`] writes the present number into it: a reader can use a file that was cut off up
+//! to there.
 
 use std::io::{self, Seek, SeekFrom, Write};
 
@@ -28,7 +30,7 @@ impl<W: Write + Seek> NpyWriter<W> {
     /// Writes the header of an empty array at the beginning of `out`.
     ///
     /// # Errors
-    /// What `out` reports; [`io::ErrorKind::InvalidInput`] when the header would be longer than version 1.0 allows.
+    /// The error of `out`; [`io::ErrorKind::InvalidInput`] if the header would be longer than version 1.0 allows.
     pub fn new(out: W, fields: &[Field]) -> io::Result<Self> {
         let described: Vec<String> = fields
             .iter()
@@ -58,10 +60,10 @@ impl<W: Write + Seek> NpyWriter<W> {
         Ok(writer)
     }
 
-    /// Writes one row: a value a field. What is not known is not a number.
+    /// Writes one row: a value a field. An unknown value is NaN.
     ///
     /// # Errors
-    /// What the output reports.
+    /// The output's error.
     pub fn row(&mut self, values: &[f64]) -> io::Result<()> {
         for (value, kind) in values.iter().zip(&self.kinds) {
             let bytes = match kind {
@@ -74,12 +76,12 @@ impl<W: Write + Seek> NpyWriter<W> {
         Ok(())
     }
 
-    /// What it writes to.
+    /// The output.
     pub fn output(&mut self) -> &mut W {
         &mut self.out
     }
 
-    /// Counts only the first `elements`, of an output that took no more.
+    /// Counts only the first `elements`, for an output that took no more.
     pub fn keep(&mut self, elements: u64) {
         self.elements = elements;
     }
@@ -87,7 +89,7 @@ impl<W: Write + Seek> NpyWriter<W> {
     /// Writes the present number of elements into the header, and goes on at the end.
     ///
     /// # Errors
-    /// What the output reports.
+    /// The output's error.
     pub fn note(&mut self) -> io::Result<()> {
         self.out.seek(SeekFrom::Start(0))?;
         self.header()?;
@@ -95,10 +97,10 @@ impl<W: Write + Seek> NpyWriter<W> {
         self.out.flush()
     }
 
-    /// Writes the number of elements and gives the output back.
+    /// Writes the number of elements and returns the output.
     ///
     /// # Errors
-    /// What the output reports.
+    /// The output's error.
     pub fn finish(mut self) -> io::Result<W> {
         self.note()?;
         Ok(self.out)

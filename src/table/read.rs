@@ -4,10 +4,10 @@ use super::npy::MAGIC;
 use super::{Field, FieldKind};
 use crate::format::file_text;
 
-/// A file that holds no table.
+/// Why a file holds no table.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ReadError {
-    /// Nothing in it.
+    /// The file is empty.
     #[error("the file is empty")]
     Empty,
     /// No table: one line without a comma.
@@ -49,7 +49,7 @@ impl Table {
     /// The table in the bytes of a file, CSV or NumPy.
     ///
     /// # Errors
-    /// [`ReadError`]. What follows the last whole row is left out.
+    /// [`ReadError`]. Bytes after the last whole row are left out.
     pub fn parse(bytes: &[u8]) -> Result<Self, ReadError> {
         match bytes.strip_prefix(MAGIC) {
             Some(rest) => numpy(rest).ok_or(ReadError::Numpy),
@@ -107,7 +107,7 @@ fn csv(text: &str) -> Result<Table, ReadError> {
     Ok(Table { fields, columns })
 }
 
-/// The cells of a line of which some may be quoted.
+/// The cells of a line; some may be quoted.
 fn cells(line: &str) -> Vec<String> {
     let mut cells = vec![String::new()];
     let mut quoted = false;
