@@ -27,8 +27,8 @@ pub fn path_of(descriptor: BorrowedFd<'_>) -> PathBuf {
     Path::new(DESCRIPTORS).join(descriptor.as_raw_fd().to_string())
 }
 
-/// Makes a file that outgrows the limit of this process (`ulimit -f`, `LimitFSIZE=`) an error of the write. By default the
-/// kernel kills the process without a word.
+/// Makes a write beyond the file size limit of this process (`ulimit -f`, `LimitFSIZE=`) an error of the write. By
+/// default the kernel kills the process silently.
 ///
 /// # Errors
 /// The kernel's error.

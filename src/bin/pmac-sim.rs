@@ -10,7 +10,7 @@ use pmac_dpram::sim::process::options::Options;
 use pmac_dpram::usage::usage;
 
 fn main() -> ExitCode {
-    // Without this, a full file ends the program as before, and without a word.
+    // Without this the kernel kills the program silently when a file outgrows its limit.
     let _ = survive_file_size_limit();
     let options = match Options::try_parse() {
         Ok(options) => options,
@@ -20,7 +20,7 @@ fn main() -> ExitCode {
         Ok(simulator) => simulator,
         Err(error) => return refuse(&error.to_string()),
     };
-    // Everything is open, and one thread runs: nothing that root may do is needed any more.
+    // All files are open, and only one thread runs: the program needs root's rights no more.
     capabilities::empty_bounding();
     if let Err(error) = capabilities::give_up() {
         return refuse(&error.to_string());
@@ -34,7 +34,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// The request could not be made.
+/// Reports a request that the program cannot carry out, and gives the exit status.
 fn refuse(why: &str) -> ExitCode {
     eprintln!("pmac-sim: {}", Visible(why));
     ExitCode::from(2)

@@ -1,4 +1,4 @@
-//! Capabilities of the calling thread, given up for good. For a process with one thread: they are each thread's own.
+//! Gives up the calling thread's capabilities for good. For a process with one thread: each thread has its own.
 
 use caps::{CapSet, Capability};
 use nix::sys::prctl;
@@ -6,7 +6,7 @@ use nix::sys::prctl;
 /// The sets that give a right, in the order in which they can be emptied.
 pub const SETS: [CapSet; 4] = [CapSet::Ambient, CapSet::Effective, CapSet::Permitted, CapSet::Inheritable];
 
-/// A right could not be given up.
+/// The kernel or the process kept a right.
 #[derive(Debug, thiserror::Error)]
 #[error("giving up privileges: {what}: {reason}")]
 pub struct CapabilityError {
@@ -18,20 +18,20 @@ fn refused<E: ToString>(what: &'static str) -> impl FnOnce(E) -> CapabilityError
     move |error| CapabilityError { what, reason: error.to_string() }
 }
 
-/// Empties the set of what programs that this process runs could get, if there is the right to.
+/// Empties the bounding set, the rights that programs run by this process could get, if the process may.
 pub fn empty_bounding() {
     if caps::has_cap(None, CapSet::Effective, Capability::CAP_SETPCAP).unwrap_or(false) {
         let _ = caps::clear(None, CapSet::Bounding);
     }
 }
 
-/// Gives up every capability, and every way to get one by running a program. Reads back from the kernel that it is so.
+/// Gives up every capability, and every way to get one by running a program. Reads the result back from the kernel.
 ///
 /// # Errors
-/// [`CapabilityError`] when the kernel refuses, or when something is left.
+/// [`CapabilityError`] if the kernel refuses, or if a right is left.
 pub fn give_up() -> Result<(), CapabilityError> {
     for set in SETS {
-        // A unit without capabilities also forbids the call that would take them away.
+        // A unit without capabilities also forbids the system call that would drop them.
         if !is_empty(set)? {
             caps::clear(None, set).map_err(refused("dropping capabilities"))?;
         }

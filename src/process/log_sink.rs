@@ -2,7 +2,8 @@
 //!
 //! The reader of stderr may stop (a pager, a stopped service manager). No thread that logs may wait for it, least of
 //! all the bus thread. So lines go into a bounded queue, in pieces allocated at the start. A full queue drops lines and
-//! counts them. Until the thread starts, lines wait in the queue: a program that changes its user starts it afterwards.
+//! counts them. Until the writing thread starts, lines wait in the queue: a program that changes its user starts the
+//! thread afterwards.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -42,7 +43,7 @@ impl LogSink {
         (sink, LogWriter { run: Some(run) })
     }
 
-    /// Waits for all earlier lines to be written, within a time limit.
+    /// Waits until the thread has written all earlier lines, within a time limit.
     pub fn finish(&self) {
         let deadline = Instant::now() + LAST_WORDS;
         let (written, all) = sync_channel(1);
@@ -60,13 +61,13 @@ impl LogSink {
     }
 }
 
-/// The writing end of the queue. It gets a thread on start.
+/// The writing end of the queue. [`Self::start`] gives it a thread.
 pub struct LogWriter {
     run: Option<Box<dyn FnOnce() + Send>>,
 }
 
 impl LogWriter {
-    /// Starts the thread unless it runs already.
+    /// Starts the thread, if it does not run yet.
     ///
     /// # Errors
     /// The system cannot start a thread.
@@ -103,7 +104,7 @@ fn write_all(queue: &Receiver<Entry>, dropped: &AtomicU64, mut target: impl Writ
         match entry {
             Entry::Piece { bytes, length, begins } => {
                 if begins && in_line {
-                    // The rest of the previous line was dropped.
+                    // The queue has dropped the rest of the previous line.
                     let _ = target.write_all(b"\n");
                 }
                 in_line = !bytes[..length].ends_with(b"\n");
@@ -160,7 +161,7 @@ mod tests {
         assert_eq!(text, line + "next\n");
     }
 
-    /// Takes nothing until it is let go.
+    /// Takes nothing until the test releases it.
     struct Held(Receiver<()>, Arc<AtomicU64>);
 
     impl Write for Held {
@@ -190,7 +191,7 @@ mod tests {
         });
         let began = Instant::now();
         sink.finish();
-        // Unless the reader was too slow for it all of them are written.
+        // The thread writes all lines unless the reader was too slow.
         if began.elapsed() < LAST_WORDS {
             assert!(written.load(Ordering::Relaxed) >= PIECES as u64);
         }
