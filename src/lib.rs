@@ -11,24 +11,25 @@
 //!
 //! # Where to begin
 //! * To read a board from a program of your own: [`client`].
-//! * To read one from C, Python or anything else: [`segment::layout`], which needs no code of ours.
+//! * To read a board from C, Python or anything else: [`segment::layout`], which needs no code of ours.
 //! * To send commands from another language: [`protocol::BOARD_DESCRIPTION`], the socket's interface.
-//! * To look up a register: [`map::pmac`]; a number format: [`mod@format`]; a status bit: [`map::status`], and which people see: [`client::shown_flags`].
-//! * To see how a handshake goes: the host's half in [`function`], PMAC's half in [`sim`].
+//! * To look up a register: [`map::pmac`]; a number format: [`mod@format`]; a status bit: [`map::status`]; the bits
+//!   that people see: [`client::shown_flags`].
+//! * To see a handshake: the host's half in [`function`], PMAC's half in [`sim`].
 //! * To follow the daemon from its start to its end: [`daemon::bring_up`], then [`daemon::bus::board_loop`].
-//! * To see who moves and stops what: `daemon/motion` keeps the ledger, `daemon/socket/server` sends; what a download, a gather or a
-//!   stream says to the board: `daemon/scripts`.
+//! * To see which client moves and stops which motor: `daemon/motion` keeps the ledger, `daemon/socket/server` sends.
+//!   The lines of a download, a gather or a stream: `daemon/scripts`.
 //!
 //! # Layers
-//! Lowest first. A module uses only layers below its own, and within its layer only what stands before it:
+//! Lowest first. A module uses only lower layers and, in its own layer, only the modules that stand before it:
 //!
 //! | layer | modules |
 //! |---|---|
-//! | 0 | [`mod@format`]: numbers and text as DPRAM holds them · [`clock`]: the time, real or a test's · [`usage`]: how programs refuse a command line · [`process`]: how they end with their parent, how they log, a way through a descriptor |
-//! | 1 | [`map`]: what lies where · [`language`]: what a command line means · [`decode`]: words to named values · [`setup`]: calculators, what to send to a board · [`rotary`]: motion programs as binary commands · [`table`]: tables of numbers in files · [`gather`]: what is gathered and what it says · [`protocol`]: the command socket's messages · [`recording`]: captures of boards |
+//! | 0 | [`mod@format`]: numbers and text as DPRAM holds them · [`clock`]: the time, real or a test's · [`usage`]: how programs refuse a command line · [`process`]: their end with their parent, their log, paths through a descriptor |
+//! | 1 | [`map`]: the place of every word · [`language`]: the meaning of a command line · [`decode`]: words to named values · [`setup`]: calculators of the lines that set up a board · [`rotary`]: motion programs as binary commands · [`table`]: tables of numbers in files · [`gather`]: the sources and samples of a gather · [`protocol`]: the command socket's messages · [`recording`]: captures of boards |
 //! | 2 | [`device`]: the bus, its kinds and decorators, the interrupt |
 //! | 3 | [`function`]: the host's half of each automatic function |
-//! | 4 | [`segment`]: the shared-memory ABI · [`mirror`]: what to read when |
+//! | 4 | [`segment`]: the shared-memory ABI · [`mirror`]: which words to read, and when |
 //! | 5 | [`daemon`] · [`client`] · [`sim`] |
 //! | 6 | [`cli`] and the programs |
 //!
@@ -39,40 +40,45 @@
 //!
 //! # Invariants
 //! Kept by `tests/it/architecture.rs`, which reads the source:
-//! * The table above is the truth about who uses whom. Besides: of the driver the simulator sees [`mod@format`], [`map`],
-//!   [`rotary::codes`], [`process`], [`recording`] and a mapping, and nobody but its own program sees it; the client sees no device; what
-//!   mirrors words ([`device`] to [`daemon`]) does not decode them.
-//! * `unsafe` lives in `device/mapping.rs`, `segment/memory.rs` and `segment/wide_copy.rs`; besides, a macro of `nix` in
-//!   `daemon/socket/peer_groups.rs` expands to some. Memory that another agent writes is mapped through `memmap2::MmapRaw` only,
-//!   so that no reference or slice into it can come to be.
+//! * The table above is the truth about which module uses which. Besides: of the driver the simulator sees
+//!   [`mod@format`], [`map`], [`rotary::codes`], [`process`], [`recording`] and a mapping, and only its own program
+//!   sees the simulator; the client sees no device; the modules that mirror words ([`device`] to [`daemon`]) do not
+//!   decode them.
+//! * `unsafe` lives in `device/mapping.rs`, `segment/memory.rs` and `segment/wide_copy.rs`; besides, a macro of `nix`
+//!   in `daemon/socket/peer_groups.rs` expands to some. Only `memmap2::MmapRaw` maps memory that another agent writes,
+//!   so that no reference or slice into that memory can exist.
 //! * Only [`map`] knows an address in the DPRAM. Only [`device`] knows a path in `/dev`, `/sys` or `/proc`, but for the
 //!   directory of shared-memory objects, [`segment::DIRECTORY`], and that of open files, [`process::DESCRIPTORS`].
-//! * Outside tests no line has `unwrap()`, `expect("`, `panic!`, `unreachable!`, `todo!`, `unimplemented!` or `dbg!`. An
-//!   index out of bounds and an overflow of a debug build still panic. No file has more than 600 lines.
+//! * Outside tests no line has `unwrap()`, `expect("`, `panic!`, `unreachable!`, `todo!`, `unimplemented!` or `dbg!`.
+//!   An index out of bounds and an overflow of a debug build still panic. No file has more than 600 lines.
 //!
-//! Kept by the tests named:
-//! * Device words are read one 16-bit access each, ascending, each once: [`device::Bus`] has no other way, but for data, which
-//!   it may read two words at a time where the board is said to take that; [`device::Counted`] counts, and the tests of
-//!   [`function`] hold the count.
-//! * What is not read from the board is never shown as a value: the segment says what it is, [`decode`] gives `None`
-//!   (`tests/it/fields.rs`).
-//! * Servo data: PMAC's status word is read again after the data; unless both readings are equal and not busy, the copy is
-//!   discarded ([`function::servo`]). Fields of two updates never mix (`tests/realtime/mixing.rs`, its number in every field).
-//! * No reader can slow or stop the daemon, and no writer, stopped or killed in mid-write, blocks a reader: every region is a
-//!   ring with a sequence number a slot ([`segment::ring`], model-checked in `tests/it/segment_loom.rs`).
+//! Kept by the named tests:
+//! * The host reads device words by one 16-bit access each, ascending, each once: [`device::Bus`] has no other way,
+//!   except for data, which it may read two words at a time if the configuration says that the board takes that;
+//!   [`device::Counted`] counts, and the tests of [`function`] check the count.
+//! * A word that the daemon does not read from the board is never shown as a value: the segment names the unread words,
+//!   [`decode`] gives `None` (`tests/it/fields.rs`).
+//! * Servo data: the host reads PMAC's status word again after the data, and discards the copy unless both readings are
+//!   equal and not busy ([`function::servo`]). Fields of two updates never mix (`tests/realtime/mixing.rs`, with the
+//!   update's number in every field).
+//! * No reader can slow or stop the daemon, and no writer, stopped or killed in mid-write, blocks a reader: every
+//!   region is a ring with a sequence number a slot ([`segment::ring`], model-checked in `tests/it/segment_loom.rs`).
 //! * No failure returns zeros, or old data as if they were new ([`client::View`] carries age and [`client::Staleness`];
 //!   `tests/realtime/processes.rs` kills, stops and restarts both sides).
-//! * On a board, the bus thread asks for no memory once everything has been used (`tests/allocation.rs`, an allocator that counts).
-//! * Three counts that are never mixed: *skipped* (the board held off an update because Host-Busy was set), *missed* (the
-//!   board made an update that was not read in time; known from its timer), *lost* (a reader was overrun in the ring).
-//! * The host writes only its own bits, data before flag, and clears them at start and on the way out; the simulator's
-//!   [`sim::judge`] records every breach, and the tests of whole systems assert that there was none.
+//! * On a board, the bus thread allocates no memory after it has used everything once (`tests/allocation.rs`, an
+//!   allocator that counts).
+//! * Three counts never mix: *skipped* (the board held off an update because Host-Busy was set), *missed* (the board
+//!   made an update that the daemon did not read in time; the board's timer tells), *lost* (the writer overran a reader
+//!   in the ring).
+//! * The host writes only its own bits, data before flag, and clears them at its start and on the way out; the
+//!   simulator's [`sim::judge`] records every breach, and the tests of whole systems assert that there was none.
 //!
 //! Kept by shape:
 //! * One thread owns the bus ([`daemon::bus::board_loop`]), so no lock guards it. After start it waits for no client.
-//! * Every wait for a board or a client is bounded, except that M-variables are not asked for while somebody has a program buffer open. [`function`]s never wait: they do what can be done now and return.
-//! * What lies where, and in which format, is data of a family; firmware, DPRAM size, byte and text order are settings. Code asks
-//!   for the generation only where the boards answer or are asked otherwise.
+//! * Every wait for a board or a client is bounded, with one exception: the daemon does not ask for M-variables while a
+//!   client has a program buffer open. [`function`]s never wait: they do what they can do now and return.
+//! * Addresses and formats are data of a family; firmware, DPRAM size, byte and text order are settings. Code asks for
+//!   the generation only where the boards answer differently or the host must ask differently.
 
 // The segment is an array of 64-bit words that readers load from a read-only mapping.
 #[cfg(not(target_pointer_width = "64"))]
