@@ -1,4 +1,4 @@
-//! The context that every command gets, and the ways in which a command can end.
+//! The context that every command gets, and the possible ends of a command.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use crate::protocol::function::{NO_FAMILY, UNKNOWN_FAMILY};
 use crate::protocol::{CallError, socket_place};
 use crate::segment::SegmentName;
 
-/// The result of a command that was executed.
+/// The result of a command that pmacctl executed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// Exit status 0.
@@ -27,7 +27,7 @@ impl From<bool> for Verdict {
 }
 
 impl Verdict {
-    /// Yes, unless there are `faults`.
+    /// `Yes`, unless there are `faults`.
     ///
     /// # Errors
     /// [`Failure::Refused`] with the faults.
@@ -36,16 +36,16 @@ impl Verdict {
     }
 }
 
-/// Why a command was not executed.
+/// Why pmacctl did not execute a command.
 #[derive(Debug, thiserror::Error)]
 pub enum Failure {
-    /// The request could not be made: exit status 2.
+    /// pmacctl could not make the request: exit status 2.
     #[error("{0}")]
     Request(String),
     /// The board or the daemon refused: exit status 1. Printed without the program's name, in the board's own words.
     #[error("{0}")]
     Refused(String),
-    /// The output could not be written.
+    /// pmacctl could not write the output.
     #[error("writing the output: {0}")]
     Output(#[from] io::Error),
 }
@@ -99,10 +99,10 @@ fn is_silent(board: &Board) -> bool {
     matches!(stale, Some(Staleness::DaemonStopped { .. }))
 }
 
-/// The name of the board when the user names none.
+/// The default name of a board.
 const DEFAULT_NAME: &str = "pmac0";
 
-/// The failure of a command that writes nothing, when the daemon does not know the board's family.
+/// The failure of a command that writes nothing, if the daemon does not know the board's family.
 pub const GIVE_FAMILY: &str =
     "pmacd does not know the board's family; give --family pmac, pmac2, turbo or turbo2";
 
@@ -148,12 +148,12 @@ impl Context {
         self.socket.clone().unwrap_or_else(|| socket_place::socket_path(name))
     }
 
-    /// The board of which both `--name` and `--socket` are.
+    /// The board that both `--name` and `--socket` select.
     pub fn board(&self) -> Result<Board, Failure> {
         Ok(self.attach()?)
     }
 
-    /// As [`Self::board`], for a caller that takes an absent board for an answer.
+    /// As [`Self::board`], for a caller to whom an absent board is an answer, too.
     pub fn attach(&self) -> Result<Board, ClientError> {
         let name = match (&self.name, &self.socket) {
             (None, Some(socket)) => return Board::at_socket(socket),

@@ -11,7 +11,7 @@ use crate::segment::Identity;
 /// How long to wait for the board's identity. Without command lines it never arrives.
 const IDENTIFIED: Duration = Duration::from_secs(2);
 
-/// The board's map and scales, as far as they are known.
+/// The known parts of the board's map and scales.
 pub fn board_layout(board: &mut Board) -> Result<(Layout, Scales, Option<Firmware>), Failure> {
     // The daemon may still be identifying a board after a start or a reset.
     let deadline = Instant::now() + IDENTIFIED;
@@ -27,7 +27,7 @@ pub fn board_layout(board: &mut Board) -> Result<(Layout, Scales, Option<Firmwar
     Ok((Layout::new(family, firmware), identity::scales(&identity), firmware))
 }
 
-/// The board has told its firmware and, which comes later, its servo period.
+/// Whether the board has told its firmware and, later, its servo period.
 fn is_identified(identity: &Identity) -> bool {
     identity.firmware.is_some() && identity.servo_period_ps.is_some()
 }

@@ -1,5 +1,6 @@
-//! ^A and ^K as keys at the prompt of `pmacctl terminal`. On an empty line they reach the board, as at a terminal program on
-//! its serial port. With a line begun they do nothing: a hand that edits the line means the editor's keys of that name.
+//! ^A and ^K as keys at the prompt of `pmacctl terminal`. On an empty line they reach the board, as in a terminal
+//! program on its serial port. On a line with text they do nothing: a user who edits the line means the editor's keys
+//! of that name.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -21,12 +22,12 @@ pub struct Pressed {
     pub line: (String, String),
 }
 
-/// The key that was pressed last, until it is taken.
+/// The last pressed key, until the terminal takes it.
 #[derive(Debug, Clone, Default)]
 pub struct ControlKeys(Arc<Mutex<Option<Pressed>>>);
 
 impl ControlKeys {
-    /// Has the keys end the editing in `editor`, as ^C does.
+    /// Makes the keys end the editing in `editor`, as ^C does.
     pub fn bind(editor: &mut DefaultEditor) -> Self {
         let keys = Self::default();
         for (letter, character) in KEYS {

@@ -17,7 +17,7 @@ use crate::function::panel::PanelAction;
 
 /// Period of the checks during a held jog, in milliseconds.
 const INPUT_WITHIN_MS: u16 = 20;
-/// How long the answer to a stop, or the data, may stay away until the user is warned.
+/// How long the answer to a stop, or the data, may be missing before the user is warned.
 pub const UNSURE_AFTER: Duration = Duration::from_millis(600);
 
 /// `--hold` and `--seconds`.
@@ -42,7 +42,7 @@ pub fn hold(
     let mut connection = context.connection()?;
     check_numbers(Context::family(None, &mut connection)?, true, numbers)?;
     let interrupt = Interrupt::listen()?;
-    // An input that has ended before the jog begins holds nothing: the time alone ends it then.
+    // An input that ended before the jog cannot hold it: only the time ends the jog then.
     let holds = !input_ended();
     if !holds && seconds.is_none() {
         let reason =

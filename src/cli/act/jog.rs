@@ -1,7 +1,7 @@
 //! `pmacctl jog`: moves motors by hand: to a position, in a direction, or to a stop.
 //!
-//! Directions and stops are keys of the control panel; without a panel they go by command line. A position goes by command
-//! line, which the daemon makes.
+//! Directions and stops are keys of the control panel; without a panel pmacctl sends them by command line. A position
+//! always goes by command line; the daemon writes the line.
 
 use clap::Args;
 
@@ -15,7 +15,7 @@ use crate::client::number::short;
 use crate::function::panel::PanelAction;
 use crate::segment::{Identity, UserUnit};
 
-/// The unit that every motor has.
+/// The unit of every motor.
 const COUNTS: &str = "counts";
 
 /// `jog`.
@@ -34,12 +34,12 @@ pub struct Jog {
     pub wait: Wait,
 }
 
-/// Where a motor is sent.
+/// The goal of a motor.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Destination {
     /// To a position, in a unit if one is given.
     Position(f64, Option<String>),
-    /// By a key of the control panel: on and on, or to a stand.
+    /// By a key of the control panel: on and on, or to a stop.
     Key(PanelAction),
 }
 

@@ -1,4 +1,4 @@
-//! How a command line ended that was sent through the daemon or over a serial line.
+//! The outcome of a command line that went through the daemon or over a serial line.
 
 use serde_json::{Value, json};
 
@@ -28,12 +28,12 @@ pub enum LineError {
         /// The reply lines that arrived.
         lines: Vec<String>,
     },
-    /// The line did not reach the board, and neither can the lines after it.
+    /// The line did not reach the board, and the lines after it cannot either.
     NotSent(Failure),
 }
 
 impl LineError {
-    /// The daemon's failure of a line of a sequence, and the board's reply before the failure.
+    /// The daemon's report of a failed line in a sequence, with the board's reply before the failure.
     pub fn of(failure: &LineFailure, lines: &[String]) -> Self {
         let lines = lines.to_vec();
         let text = failure.message.clone();
@@ -108,7 +108,7 @@ impl From<SerialError> for LineError {
         match error {
             SerialError::Board { code, lines } => Self::Board { code, text, lines },
             SerialError::TimedOut => Self::Uncertain { failure: Failure::Refused(text), lines: Vec::new() },
-            // The line was open, so characters may have gone out.
+            // The line was open, so the board may have got characters.
             SerialError::Port { .. } | SerialError::NoBoard { .. } => {
                 Self::Uncertain { failure: Failure::Request(text), lines: Vec::new() }
             }
@@ -117,8 +117,8 @@ impl From<SerialError> for LineError {
     }
 }
 
-/// The note for a user whose `line` met the buffer `open`, which another client opened: the line's statements went in. No
-/// manual says whether some on-line commands do.
+/// The note to a user whose `line` met `open`, another client's open buffer: the buffer took the line's statements. No
+/// manual says whether it takes some on-line commands, too.
 pub fn entered_note(line: &str, open: &OpenBufferInfo) -> String {
     let WhileOpen { enters, acts, may_act, .. } = Meaning::of(line).while_open;
     let shown = without_password(line);

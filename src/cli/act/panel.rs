@@ -151,8 +151,8 @@ pub fn run(context: &mut Context, options: &Panel) -> Result<Verdict, Failure> {
     press(context, action, &numbers, wait, confirms)
 }
 
-/// Requests `action`, and waits for its end if `wait` says so. A start that `confirms` also runs lines that a rotary stream
-/// left.
+/// Requests `action`, and waits for its end if `wait` is given. A start that `confirms` also runs the lines that a
+/// rotary stream left.
 pub fn press(
     context: &mut Context,
     action: PanelAction,
@@ -185,7 +185,7 @@ pub fn press(
             Some(Err(failure)) if action != PanelAction::JogStop => return Err(failure.at("not sent")),
             watch => watch,
         };
-        // The board takes the key of a program that it cannot run, and drops it.
+        // The board accepts the request for a program that it cannot run, and drops it.
         let starts = action == PanelAction::Start && watch.is_none();
         let start = starts.then(|| Watch::begin(context, &mut connection));
         connection.panel(action.name(), numbers)?;
@@ -291,7 +291,7 @@ fn from_percent(percent: f64, i10: u32) -> Result<FeedOverride, Failure> {
     }
 }
 
-/// The new setting in both units, so that a forgotten % is seen. For `off`, the `last` value.
+/// The new setting in both units, so that the user sees a forgotten %. For `off`, the `last` value.
 fn echo(
     value: Option<FeedOverride>,
     percent: Option<f64>,

@@ -1,11 +1,11 @@
-//! Lines for the board that come from a pipe or a file, one by one.
+//! Lines for the board from a pipe or a file, one by one.
 
 use std::io::{self, BufRead};
 
 use crate::cli::context::Failure;
 use crate::format::file_text;
 
-/// The lines of stdin, as [`file_text`] reads them, each as soon as it is there.
+/// The lines of stdin, as [`file_text`] reads them, each as soon as it arrives.
 pub fn lines() -> impl Iterator<Item = Result<String, Failure>> {
     let mut input = io::stdin().lock();
     let mut bytes = Vec::new();
@@ -23,7 +23,7 @@ pub fn lines() -> impl Iterator<Item = Result<String, Failure>> {
     })
 }
 
-/// What goes up to a line feed: boards end their lines by CR alone.
+/// The lines in the text up to a line feed: boards end their lines by CR alone.
 fn split(bytes: &[u8]) -> Result<Vec<String>, Failure> {
     let text = file_text::read(bytes).map_err(|reason| Failure::Request(format!("stdin: {reason}")))?;
     Ok(text.lines().map(str::to_owned).collect())

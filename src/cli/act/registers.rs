@@ -1,4 +1,4 @@
-//! `pmacctl variable`: PMAC copies or writes registers that the user names, in its background (I55=1).
+//! `pmacctl variable`: PMAC copies or writes the user's registers in its background (I55=1).
 
 use std::time::Duration;
 

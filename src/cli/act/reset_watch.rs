@@ -1,14 +1,14 @@
-//! Notices a reset of the board between lines that belong together: the board has forgotten the settings of the earlier lines.
+//! Notices a reset of the board between lines that belong together: the reset erases the settings of the earlier lines.
 
 use crate::client::Connection;
 use crate::language::Meaning;
 
-/// Lines after which the board is asked again.
+/// After so many lines the client asks the board again.
 const LINES_BETWEEN: u64 = 64;
 
 /// The daemon's count of resets, and the lines since.
 pub struct ResetWatch {
-    /// `None` while the board could not be asked, as while a program buffer is open.
+    /// `None` while the board cannot be asked, as during an open program buffer.
     resets: Option<u64>,
     lines: u64,
     asked_at: u64,
@@ -24,7 +24,7 @@ impl ResetWatch {
     pub fn line_sent(&mut self, line: &str, connection: &mut Connection) -> Option<String> {
         self.lines += 1;
         if Meaning::of(line).resets {
-            // A reset that was wanted.
+            // The user wanted this reset.
             self.resets = connection.check_reset().ok();
             return None;
         }

@@ -53,7 +53,7 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
                 Err(CommandError::Refused(CallError::TimedOut { lines }))
                     if lines.is_empty() && Meaning::of(line).resets && begun.elapsed() < timeout =>
                 {
-                    // Before the time was over: the board has let go of the line.
+                    // The call ended before its time-out: the board has taken the line.
                     let why =
                         "sent; no board has to acknowledge a reset. pmacctl status shows when it is back";
                     note(why);
@@ -125,7 +125,7 @@ fn board_runs(context: &Context, code: Option<u16>) -> Option<String> {
     (code == Some(errors::PROGRAM_RUNS)).then(|| what_runs(&mut context.board().ok()?)).flatten()
 }
 
-/// The command that has to come first, for commands that a board refuses without saying so (Software Reference pp. 215,
+/// The command that must come first, for commands that a board refuses without this hint (Software Reference pp. 215,
 /// 273).
 fn comes_first(code: Option<u16>, line: &str) -> Option<&'static str> {
     const FIRST: &[(&str, &str)] = &[

@@ -40,7 +40,7 @@ fn abort_these(context: &mut Context, options: &Abort) -> Result<Verdict, Failur
     for &system in &options.systems {
         let line = format!("&{system}A");
         let taken = match check_numbers(family, false, &[system]) {
-            // The daemon sends the line where the panel does not act, or is not used.
+            // The daemon sends the line if the panel does not act, or if it does not use the panel.
             Ok(()) => connection.panel("stop", &[system]).map_err(LineError::from),
             Err(missing) => Err(LineError::NotSent(missing)),
         };

@@ -6,7 +6,7 @@
 //!
 //! Other clients use the board, too. The terminal sends a line that depends on the address only while the user knows
 //! the address: from the prompt, or, in a pipe, from the lines before. It sends a line for a program buffer that its
-//! own lines have opened only while that buffer is open: otherwise the board would carry the line out at once. No line
+//! own lines have opened only while that buffer is open: otherwise the board would execute the line at once. No line
 //! enters a buffer that another process has opened, not even a process of the same user.
 
 use std::io::{self, IsTerminal, Write};
@@ -39,9 +39,9 @@ use crate::protocol::{CallError, Message, MessageKind, OpenBufferInfo, check_lin
 
 /// Time limit for the question for the address.
 const ADDRESS: Duration = Duration::from_millis(500);
-/// How long the daemon may take to know that a buffer is closed.
+/// How long the daemon may take to learn that a buffer is closed.
 const CLOSING: Duration = Duration::from_millis(50);
-/// Period at which the message thread checks whether to end.
+/// How often the message thread checks whether to end.
 const MESSAGE_WITHIN: Duration = Duration::from_millis(200);
 /// Length of the history, in lines.
 const HISTORY: usize = 1000;
@@ -165,9 +165,9 @@ impl Session {
         }
     }
 
-    /// Sends a line, if the board would do what the user means.
+    /// Sends a line, if the board would do with it what the user means.
     fn send(&mut self, line: &str) -> Result<Vec<String>, LineError> {
-        // A statement of a program goes by no address.
+        // A program statement does not depend on the address.
         let meaning = Meaning::of(line);
         let is_stored = self.own_buffer.is_open() && meaning.while_open.enters;
         if let Some(known) = self.addressed.filter(|_| !is_stored && meaning.goes_by_address)
@@ -184,7 +184,7 @@ impl Session {
             Err(CommandError::Refused(CallError::TimedOut { .. })) if meaning.resets => Ok(Vec::new()),
             sent => {
                 let SendReply { lines, entered } = sent?;
-                // Of a statement the prompt says so, or the line that has opened the buffer.
+                // For a statement, the prompt or the line that opened the buffer already says so.
                 self.entered = entered.filter(|_| meaning.while_open.may_act);
                 Ok(lines)
             }
@@ -196,7 +196,7 @@ impl Session {
         Addressed::of(&self.connection.question(Addressed::QUESTION, ADDRESS).ok()?)
     }
 
-    /// Says if the board was reset, after a line that was sent or at the end.
+    /// Reports a reset of the board, after a sent line or at the end.
     fn see_reset(&mut self, watch: &mut ResetWatch, line: Option<&str>) {
         if let Some(reset) = match line {
             Some(line) => watch.line_sent(line, &mut self.connection),
@@ -207,7 +207,7 @@ impl Session {
         }
     }
 
-    /// The prompt: the address, and the open program buffer. Says if another client has changed the address.
+    /// The prompt: the address, and the open program buffer. Reports another client's change of the address.
     fn prompt(&mut self) -> io::Result<String> {
         let open = self.open_buffer();
         let (before, now) = (self.addressed, self.address());
@@ -225,7 +225,7 @@ impl Session {
         })
     }
 
-    /// The program buffer that is open, as far as the daemon knows.
+    /// The open program buffer, as far as the daemon knows.
     fn open_buffer(&mut self) -> Option<OpenBufferInfo> {
         self.connection.info().ok()?.open_buffer
     }
@@ -237,13 +237,13 @@ impl Session {
         }
     }
 
-    /// At the end: says if a buffer is still open that takes this user's lines.
+    /// At the end: reports a buffer that is still open and takes this user's lines.
     fn tell_left_open(&mut self) {
         let mut own = || self.open_buffer().filter(|open| open.takes_lines_of(getuid().as_raw()));
         if own().is_none() {
             return;
         }
-        // Of a CLOSE that was the last line the daemon may hear in this moment.
+        // The daemon may only now be learning of a CLOSE that was the last line.
         std::thread::sleep(CLOSING);
         if let Some(open) = own() {
             note(format_args!(

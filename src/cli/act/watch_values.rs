@@ -1,5 +1,5 @@
-//! `pmacctl variable watch`: the values of registers that PMAC copies, and of P, Q, M and I variables, which the
-//! program asks for by command line, side by side.
+//! `pmacctl variable watch`: side by side, the values of registers that PMAC copies, and of P, Q, M and I variables,
+//! which pmacctl asks for by command line.
 
 use std::time::{Duration, Instant};
 
@@ -21,9 +21,9 @@ use crate::segment::RegionId;
 
 /// Longest sleep between two checks that the daemon still holds the watch.
 const NO_NEWS: Duration = Duration::from_millis(500);
-/// How many stale limits PMAC may take for the first values.
+/// How many stale limits PMAC may take until the first values.
 const FIRST: u32 = 5;
-/// The digits that a product of two 64-bit floats keeps for certain.
+/// The digits that a product of two 64-bit floats surely keeps.
 const PRODUCT_DIGITS: usize = 15;
 /// The largest integer an f64 holds with all integers below it.
 const EXACT: f64 = 9_007_199_254_740_992.0;
@@ -80,11 +80,11 @@ pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
     Ok(copies.map_or(printed > 0, |copies| copies.fresh).into())
 }
 
-/// What a user wants to see.
+/// A name that the user watches.
 enum WatchedName {
     /// A register that PMAC copies.
     Copied(Copied),
-    /// A variable of the board's by name, as it is asked for.
+    /// A variable, by the name in the question to the board.
     Asked(String),
 }
 
@@ -92,7 +92,7 @@ enum WatchedName {
 pub struct Copied {
     name: VariableName,
     column: Column,
-    /// How many of its longs belong to another word.
+    /// How many of the longs in the table before it belong to another word.
     longs_before: usize,
 }
 
@@ -129,7 +129,7 @@ impl Copied {
         let (reading, longs_before) = match name {
             VariableName::Block { word: Some(word), .. } => {
                 let reading = if unsigned { Reading::Unsigned } else { Reading::Signed };
-                // The Y half comes first.
+                // The Y half stands first.
                 (reading, usize::from(word == Space::X))
             }
             _ => (Reading::Fixed, 0),
@@ -149,21 +149,21 @@ impl Copied {
         self.name
     }
 
-    /// Its value in `table`; not a number where there is none.
+    /// Its value in `table`; NaN if there is none.
     fn number(&self, table: Option<&VariableTable>) -> f64 {
         let longs = table.and_then(|table| table.value_of(self.name)).map_or(&[][..], Entry::value);
         let longs = longs.get(self.longs_before..).unwrap_or(&[]);
         self.column.reading.read(longs).map_or(f64::NAN, |number| number * self.column.factor)
     }
 
-    /// Its value in `table` as text; `None` where there is none yet.
+    /// Its value in `table` as text; `None` if there is none yet.
     pub fn text(&self, table: &VariableTable) -> Option<String> {
         table.value_of(self.name)?;
         Some(shown(&self.column, self.number(Some(table))))
     }
 }
 
-/// `P1`, if that is what the text names.
+/// The variable that `text` names, as `P1`; `None` for any other text.
 pub fn board_variable(text: &str) -> Option<String> {
     let name = text.to_ascii_uppercase();
     let digits = name.strip_prefix(['I', 'M', 'P', 'Q'])?;
@@ -175,18 +175,18 @@ pub fn board_variable(text: &str) -> Option<String> {
 struct Copies {
     held: VariableWatch,
     names: Vec<VariableName>,
-    /// When values came last, or the watch began, by the clock of the segment, and how long they may take: at first, and when
-    /// another client's watch changes the table.
+    /// The time of the last values, or of the watch's begin, by the clock of the segment; and how long values may take,
+    /// at first and after another client's watch has changed the table.
     since_ns: u64,
     limit_ns: u64,
-    /// The number of the last table seen.
+    /// The number of the last seen table.
     after: u64,
     complete: bool,
     fresh: bool,
 }
 
 impl Copies {
-    /// Has PMAC copy what is `wanted` of registers; `None` if that is nothing.
+    /// Has PMAC copy the registers among `wanted`; `None` if there are none.
     fn begin(board: &mut Board, wanted: &[WatchedName]) -> Result<Option<Self>, Failure> {
         let name = |wanted: &WatchedName| match wanted {
             WatchedName::Copied(copied) => Some(copied.name),
@@ -204,7 +204,7 @@ impl Copies {
         Ok(Some(Self { held, names, since_ns, limit_ns, after: 0, complete: false, fresh: false }))
     }
 
-    /// The next table that has all the values; `None` if none has come in time.
+    /// The next table that has all values; `None` if none has come in time.
     fn next(&mut self, board: &mut Board, time: Duration) -> Result<Option<View<VariableTable>>, Failure> {
         board.wait_variables(self.after, time)?;
         self.held.check()?;
@@ -236,14 +236,14 @@ impl Copies {
     }
 }
 
-/// The variables that are asked for by command line.
+/// The variables that pmacctl asks for by command line.
 struct Questions {
     connection: Connection,
     names: Vec<String>,
 }
 
 impl Questions {
-    /// For what is `wanted` of variables; `None` if that is nothing.
+    /// For the variables among `wanted`; `None` if there are none.
     fn begin(context: &Context, wanted: &[WatchedName]) -> Result<Option<Self>, Failure> {
         let name = |wanted: &WatchedName| match wanted {
             WatchedName::Asked(name) => Some(name.clone()),
@@ -319,12 +319,12 @@ fn print(
     Ok(())
 }
 
-/// The unit behind a number that stands as the board has it, as the scale is not known.
+/// The unit behind a raw number, whose scale is unknown.
 fn if_raw(unit: &str) -> String {
     if unit.starts_with("1/") { format!("[{unit}]") } else { String::new() }
 }
 
-/// A number as text: a 48-bit float with the digits that it has, others with those that a product keeps.
+/// A number as text: a 48-bit float with its own digits, other numbers with those that a product keeps.
 fn shown(column: &Column, number: f64) -> String {
     if column.reading == Reading::Float { short(number) } else { digits(number, PRODUCT_DIGITS) }
 }

@@ -1,4 +1,4 @@
-//! Reads an image of the DPRAM through the daemon, a few words at a time. Leaves out command lines and responses.
+//! Reads an image of the DPRAM through the daemon, a few words at a time, without command lines and responses.
 
 use crate::cli::context::Failure;
 use crate::client::Connection;
@@ -17,7 +17,7 @@ pub struct ImageReading {
 }
 
 impl ImageReading {
-    /// Of a DPRAM of `bytes`, with command lines and responses where `port` says.
+    /// Of a DPRAM of `bytes`; `port` has the places of command lines and responses.
     pub fn new(port: &'static AsciiPort, bytes: u32) -> Self {
         Self { port, words: vec![0; bytes as usize / 2], next: 0, t_ns: None }
     }

@@ -1,4 +1,4 @@
-//! How long things took during a capture.
+//! Times measured during a capture.
 
 use std::time::Duration;
 
@@ -19,7 +19,7 @@ impl Times {
         }
     }
 
-    /// How many there were, the median, the 99th percentile and the longest, in nanoseconds.
+    /// The number of times, the median, the 99th percentile and the longest, in nanoseconds.
     pub fn document(&self) -> Value {
         let mut sorted = self.0.clone();
         sorted.sort_unstable();

@@ -69,7 +69,7 @@ impl TextFilter {
         }
     }
 
-    /// Accesses are missing somewhere from now on. The filter shows no text until [`Self::trust`].
+    /// From now on accesses may be missing. The filter shows no text until [`Self::trust`].
     pub fn distrust(&mut self) {
         (self.has_gaps, self.is_shown) = (true, false);
     }
@@ -219,7 +219,7 @@ mod tests {
                 let other = exchange(order, line, response::LINE, "X10Y20");
                 assert_eq!(shown(&other), without_text(&other), "{line}");
             }
-            // A program's own text is not the reply.
+            // A program's own text is no reply to the line.
             let message = exchange(order, "I122", response::MESSAGE, "hello");
             let kept = shown(&message);
             assert!(

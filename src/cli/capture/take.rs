@@ -1,4 +1,4 @@
-//! A capture under way. One thread does all work in turn, the trace first: the daemon has little memory for the trace.
+//! A running capture. One thread does all work in turn, the trace first: the daemon has little memory for the trace.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -28,18 +28,18 @@ use crate::segment::Counter;
 const INTERVAL_NS: u64 = 1_000_000_000;
 /// The trace goes on for this time after its end, for the first image and the questions, which belong into it.
 const GRACE_NS: u64 = 1_000_000_000;
-/// The time that the board has for the answer to a question.
+/// How long the board may take to answer a question.
 const ANSWER_WITHIN: Duration = Duration::from_secs(2);
 /// The sleep when the capture has no work.
 const IDLE_SLEEP: Duration = Duration::from_millis(2);
 /// The time for the trace in one turn, and the number of accesses in a reply below which the turn ends.
 const TURN: Duration = Duration::from_millis(20);
 const FEW: usize = 1000;
-/// Stop at this many accesses: those still collected and one more reply fit below [`MOST_ACCESSES`].
+/// Stop at this many accesses: the accesses still to come and one more reply fit below [`MOST_ACCESSES`].
 const ENOUGH: u64 = MOST_ACCESSES as u64 - (1 << 16);
 /// Replies that fetch the rest of the trace at the end; more than the daemon has memory for.
 const LAST_REPLIES: usize = 1000;
-/// Variables and definitions, but no programs: those are the machine builder's.
+/// Variables and definitions, but no programs: those belong to the machine builder.
 const VARIABLES: [What; 5] = [What::I, What::P, What::Q, What::M, What::Axes];
 /// The parts of the board that every capture leaves out.
 const LEFT_OUT: [&str; 4] = [
@@ -92,7 +92,7 @@ pub struct Taken {
     pub directory: File,
 }
 
-/// A capture under way.
+/// A running capture.
 pub struct Taking<'a> {
     board: &'a mut Board,
     connection: &'a mut Connection,
@@ -129,7 +129,7 @@ impl<'a> Taking<'a> {
                 "this is a replay of a recording, no board; copy the recording".to_owned(),
             ));
         }
-        // Before a directory is made.
+        // Checked before the directory is made.
         if info.role.as_deref().is_some_and(|role| role != "engineer") {
             return Err(
                 CommandError::from(CallError::NotPermitted { role_needed: "engineer".to_owned() }).into()
@@ -162,7 +162,7 @@ impl<'a> Taking<'a> {
         let writer = Writer::create(&options.directory, &about)?;
         Ok(Self {
             filter: TextFilter::new(&family.ascii),
-            // Until the trace begins there are none.
+            // Before the trace begins there are no accesses.
             updates_before: u64::MAX,
             socket: socket.display().to_string(),
             board,
@@ -253,7 +253,7 @@ impl<'a> Taking<'a> {
     /// Writes the rest of the capture, and its outcome.
     pub fn finish(mut self, failure: Option<Failure>) -> Result<Taken, Failure> {
         let cut_short = match &failure {
-            // Its path may name a user.
+            // The socket's path may name a user.
             Some(failure) => {
                 let text = failure.to_string().replace(&self.socket, "SOCKET");
                 let inside = text.strip_prefix(&self.options.directory.display().to_string());
@@ -278,7 +278,7 @@ impl<'a> Taking<'a> {
         Ok(Taken { summary, failure, directory: self.directory })
     }
 
-    /// The accesses since the last time; how many came.
+    /// Fetches the accesses since the last call; returns how many came.
     fn trace(&mut self, end: bool) -> Result<usize, Failure> {
         let reply = self.connection.trace(end)?;
         let is_gap = std::mem::replace(&mut self.about.dropped, reply.dropped) != reply.dropped;
@@ -315,14 +315,14 @@ impl<'a> Taking<'a> {
         }
         match Saved::ask(self.connection, "capture", &VARIABLES, (1, 1), Some(&self.stop)) {
             Ok(saved) => self.writer.variables(&saved.text())?,
-            // A board that cannot be asked is worth a capture all the same.
+            // A capture is useful even if the board does not answer.
             Err(Failure::Refused(why)) => self.lacks("variables and definitions", &why),
             Err(failure) => return Err(failure),
         }
         Ok(())
     }
 
-    /// Notes a part that the board or the daemon did not tell, and the reason.
+    /// Notes a part that the board or the daemon did not give, and the reason.
     fn lacks(&mut self, what: &str, why: &str) {
         self.lacks_answers = true;
         self.about.left_out.push(format!("{what}: {}", without_users(why)));
@@ -393,7 +393,7 @@ fn driver_questions(family: &Family) -> Vec<String> {
     [reports].into_iter().chain(scales).collect()
 }
 
-/// The access in four numbers of the trace; the access before was at `t_ns`.
+/// The access as four numbers of the trace; the access before was at `t_ns`.
 fn access(numbers: &[u64], t_ns: u64) -> Option<Access> {
     let &[after_ns, kind, offset, value] = numbers else { return None };
     let (op, width) = match kind {

@@ -1,10 +1,10 @@
-//! Asks before anything is sent.
+//! Asks the user before pmacctl sends anything.
 
 use std::io::{self, BufRead, IsTerminal, Write};
 
 use crate::cli::context::{Context, Failure};
 
-/// Returns whether to go on: `yes` is set, or the person at the terminal agrees.
+/// Returns whether to go on: `yes` is set, or the user at the terminal agrees.
 ///
 /// # Errors
 /// [`Failure::Request`] if stdin is not a terminal.
@@ -24,7 +24,7 @@ pub fn confirm(question: &str, yes: bool) -> Result<bool, Failure> {
     Ok(is_yes(&answer))
 }
 
-/// The question whether to send the lines that were just shown.
+/// The question whether to send the lines shown above.
 pub fn sending(lines: usize, to: &str) -> String {
     match lines {
         1 => format!("Send this line to {to}?"),
@@ -32,7 +32,7 @@ pub fn sending(lines: usize, to: &str) -> String {
     }
 }
 
-/// The board that the lines would go to, by its daemon's name for it: a socket alone does not show the board.
+/// The board that would get the lines, by its daemon's name for it: a socket alone does not show the board.
 pub fn board_of(context: &Context) -> Result<String, Failure> {
     Ok(format!("the board of {}", context.name()?.as_str()))
 }

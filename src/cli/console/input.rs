@@ -25,7 +25,7 @@ pub fn read_some(path: impl AsRef<Path>, most: u64) -> io::Result<Vec<u8>> {
 /// The bytes of a file that has at most `most`.
 ///
 /// # Errors
-/// Why not, without the file's name.
+/// The reason without the file's name.
 pub fn read(path: impl AsRef<Path>, most: u64) -> Result<Vec<u8>, String> {
     let bytes = read_some(path, most + 1).map_err(|error| error.to_string())?;
     if bytes.len() as u64 > most { Err(format!("longer than {} MiB", most >> 20)) } else { Ok(bytes) }

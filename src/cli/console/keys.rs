@@ -10,7 +10,7 @@ use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcsetattr
 /// ^D.
 const END_OF_INPUT: u8 = 4;
 
-/// The keyboard without line buffering and echo, until this is dropped.
+/// The keyboard without line buffering and echo, until this value is dropped.
 pub struct Keys {
     restore: Option<Termios>,
 }
@@ -28,12 +28,12 @@ impl Keys {
         Self { restore }
     }
 
-    /// Whether keys are heard.
+    /// Whether the program listens to the keys.
     pub fn are_heard(&self) -> bool {
         self.restore.is_some()
     }
 
-    /// Waits at most `time`, less if q is pressed.
+    /// Waits at most `time`, less if the user presses q.
     pub fn quit_within(&self, time: Duration) -> bool {
         if self.restore.is_none() {
             std::thread::sleep(time);

@@ -1,4 +1,4 @@
-//! How far a command is, on stderr: stdout is for the result.
+//! A command's progress, on stderr: stdout is for the result.
 
 use std::io::{self, IsTerminal, Write};
 use std::os::fd::AsFd;
@@ -8,12 +8,12 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
 use super::note;
 
-/// How often a terminal's line is written anew: often enough to be seen moving.
+/// How often the terminal's line is rewritten: often enough that the user sees it move.
 const EVERY_ON_TERMINAL: Duration = Duration::from_millis(100);
-/// How often a line is printed elsewhere.
+/// How often a line appears elsewhere.
 const EVERY_ELSEWHERE: Duration = Duration::from_secs(1);
 
-/// A line that is written anew on a terminal; elsewhere none, or a line now and then.
+/// A line that is rewritten in place on a terminal. Elsewhere, no line, or a new line now and then.
 #[derive(Debug)]
 pub struct Progress {
     on_terminal: bool,
@@ -25,7 +25,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// On a terminal only.
+    /// Shows progress on a terminal only.
     pub fn on_terminal() -> Self {
         let on_terminal = io::stderr().is_terminal();
         Self {
@@ -36,7 +36,7 @@ impl Progress {
         }
     }
 
-    /// Elsewhere, too, as a line now and then; nowhere if `quiet`.
+    /// Shows progress elsewhere, too, as a line now and then; nowhere if `quiet`.
     pub fn everywhere(quiet: bool) -> Self {
         let progress = Self::on_terminal();
         let every = progress.every.or(Some(EVERY_ELSEWHERE)).filter(|_| !quiet);

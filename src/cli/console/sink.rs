@@ -33,7 +33,7 @@ pub fn is_stdout(path: &Path) -> bool {
     path == Path::new("-")
 }
 
-/// What another program has done to a file while this one wrote it.
+/// Another program's deed to a file while this program wrote it.
 #[derive(Debug, Clone, Copy, thiserror::Error)]
 enum Taken {
     #[error(
@@ -126,7 +126,7 @@ pub struct Rows {
     collected: Vec<u8>,
     /// The ends of the rows in `collected`.
     ends: Vec<usize>,
-    /// The rows in the file, and its length.
+    /// How many rows are in the file, and the file's length.
     rows: u64,
     length: u64,
     /// Whether the header is being rewritten.
@@ -321,8 +321,8 @@ impl Seek for Rows {
     }
 }
 
-/// Locks `file` for this writer until it is closed. A file system without locks, or the lock of a program that only reads
-/// the file, does not keep the writer from it.
+/// Locks `file` for this writer until the file is closed. The writer goes on if the file system has no locks, or if a
+/// program that only reads the file holds a lock.
 fn claim(file: &File) -> io::Result<()> {
     let lock = fcntl(file, FcntlArg::F_OFD_SETLK(&lock_of(libc::F_WRLCK)));
     if lock.is_err() && is_in_use(file) {
@@ -337,7 +337,7 @@ pub fn is_in_use(file: &File) -> bool {
     fcntl(file, FcntlArg::F_OFD_GETLK(&mut lock)).is_ok() && libc::c_int::from(lock.l_type) != libc::F_UNLCK
 }
 
-/// Of a whole file.
+/// A lock of this `kind` on a whole file.
 fn lock_of(kind: libc::c_int) -> libc::flock {
     libc::flock { l_type: kind as _, l_whence: libc::SEEK_SET as _, l_start: 0, l_len: 0, l_pid: 0 }
 }
@@ -392,13 +392,13 @@ mod tests {
     use nix::sys::stat::{Mode, SFlag, makedev, mknod};
     use std::os::unix::fs::{PermissionsExt, symlink};
 
-    /// A device node of our own, or nothing where that is not permitted.
+    /// A device node made by the test; `None` if the test may not make one.
     fn device(path: &Path, minor: u64) -> Option<Metadata> {
         match mknod(path, SFlag::S_IFCHR, Mode::from_bits_truncate(0o666), makedev(1, minor)) {
             Err(Errno::EPERM) => return None,
             made => made.unwrap(),
         }
-        // A file system without devices.
+        // The file system allows no devices.
         let opened = OpenOptions::new().write(true).open(path);
         if opened.is_err_and(|error| error.kind() == io::ErrorKind::PermissionDenied) {
             return None;
@@ -484,7 +484,7 @@ mod tests {
         drop(first);
         assert!(Rows::open(&path, true, &stop).is_ok());
         assert!(Rows::create_new(&path, true, &stop).unwrap().is_none());
-        // A process that can only read the file cannot pass for its writer.
+        // A process that can only read the file cannot pose as its writer.
         let reader = File::open(&path).unwrap();
         fcntl(&reader, FcntlArg::F_OFD_SETLK(&lock_of(libc::F_RDLCK))).unwrap();
         fcntl(&reader, FcntlArg::F_OFD_SETLK(&lock_of(libc::F_WRLCK))).unwrap_err();

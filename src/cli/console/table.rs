@@ -84,7 +84,7 @@ fn aligned(heading: &'static str) -> (&'static str, bool) {
     heading.strip_prefix('>').map_or((heading, false), |heading| (heading, true))
 }
 
-/// The line, and below it the words behind character `begin` that do not fit.
+/// The line, and below it the words that stand behind character `begin` and do not fit.
 pub fn wrapped(line: &str, begin: usize, width: usize) -> Vec<String> {
     let mut row: String = line.chars().take(begin).collect();
     let mut lines = Vec::new();
@@ -112,7 +112,7 @@ impl fmt::Display for Table {
                 }
                 text.push_str(&if *right { format!("{cell:>width$}") } else { format!("{cell:<width$}") });
             }
-            // The board's words may be in it.
+            // The cell may contain the board's words.
             writeln!(f, "{}", Visible(text.trim_end()))?;
         }
         Ok(())

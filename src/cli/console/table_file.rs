@@ -12,7 +12,7 @@ use crate::table::{CsvWriter, Field, FileFormat, NpyWriter};
 pub struct TableFile {
     writer: Writer,
     rows: u64,
-    /// The error that has been returned.
+    /// The error that the caller has got already.
     failed: Option<io::ErrorKind>,
 }
 
@@ -101,7 +101,7 @@ impl TableFile {
     /// Writes the rest, and the number of rows into the NumPy header.
     ///
     /// # Errors
-    /// As [`TableFile::row`], unless that has returned one already.
+    /// As [`TableFile::row`], unless that has returned an error already.
     pub fn finish(&mut self) -> Result<(), Failure> {
         if self.failed.is_some() {
             return Ok(());

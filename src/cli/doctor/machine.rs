@@ -33,7 +33,7 @@ pub fn boards(report: &mut Report, system: &System) {
         let rule = candidate.rule.take();
         report.0.push(candidate_check(candidate));
         if let Some(rule) = rule {
-            // Alone in its line, to be copied.
+            // Alone in its line, so that the user can copy it.
             report.ok("udev rule", rule);
         }
     }
@@ -113,7 +113,7 @@ pub fn probe_board(
     Ok(())
 }
 
-/// A Turbo PMAC2 where the board is a file that only its memory fits.
+/// A Turbo PMAC2, if the board is a file of a size that only its DPRAM has.
 fn family_by_size(spec: &BoardSpec) -> &'static Family {
     if spec.file_bytes() == Some(TURBO2.length) { &TURBO2 } else { DEFAULT_FAMILY }
 }

@@ -1,8 +1,8 @@
 //! `pmacctl doctor --memory`: the stretches of the DPRAM that the daemon uses, and those that the board's own programs
 //! use.
 //!
-//! Sites keep data of their own in the DPRAM: M-variables that point into it. Where an M-variable points into the words
-//! of a function, the board's program and the function take each other's writes for their own.
+//! Sites keep data of their own in the DPRAM, with M-variables that point there. If such an M-variable points into the
+//! words of a function, the board's program and the function take each other's writes for their own.
 
 use super::report::Report;
 use crate::cli::context::{Context, Failure};
@@ -12,7 +12,7 @@ use crate::protocol::{BoardInfo, BoardSettings, Function};
 
 /// The most definitions shown for a stretch.
 const SHOWN: usize = 8;
-/// The cure where both use the same words.
+/// The cure if both use the same words.
 const CURE: &str =
     "leave the function out of `functions` in pmacd's configuration, or move them to the user area";
 
@@ -60,7 +60,7 @@ fn not_told(unclear: &[String]) -> String {
     )
 }
 
-/// The functions in use whose words lie in `region`.
+/// The used functions whose words lie in `region`.
 fn uses(region: &Region, settings: &BoardSettings, info: &BoardInfo) -> Vec<&'static str> {
     let all = Function::ALL.into_iter();
     let all = all.filter(|function| settings.functions.has(*function) && info.leaves_free(*function));
@@ -74,7 +74,7 @@ fn uses(region: &Region, settings: &BoardSettings, info: &BoardInfo) -> Vec<&'st
     all.filter(has).map(Function::name).collect()
 }
 
-/// Reports a stretch: a warning where both daemon and programs use it.
+/// Reports a stretch; warns if both daemon and programs use it.
 fn tell(report: &mut Report, region: &Region, functions: &[&str], found: &[&Definition]) {
     let first =
         found.iter().take(SHOWN).map(|definition| definition.text.as_str()).collect::<Vec<_>>().join(" ");

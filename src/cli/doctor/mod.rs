@@ -60,7 +60,7 @@ const COMES_UP: Duration = Duration::from_secs(15);
 /// Data seen within this time may be from before the reset.
 const GONE: Duration = Duration::from_secs(3);
 const CHECK_EVERY: Duration = Duration::from_millis(250);
-/// How long a reset is worth a word.
+/// How long doctor mentions a reset.
 const LATELY: Duration = Duration::from_secs(60);
 
 /// Checks whether the board takes command lines.
@@ -235,7 +235,7 @@ fn unreachable(path: &Path, error: &CommandError) -> String {
         _ => return error.to_string(),
     };
     if found.gid() == 0 {
-        // Whoever joins that group gets much more than a board.
+        // A member of that group gets much more than a board.
         let place = path.display();
         return format!(
             "{place} is for root alone; name another group by socket_group in the daemon's configuration"
@@ -246,7 +246,7 @@ fn unreachable(path: &Path, error: &CommandError) -> String {
     format!("{} is for the group {group}; have yourself added to it", path.display())
 }
 
-/// Checks the reports that the daemon `reads`. The reports of a recording that `is_over` never come again.
+/// Checks the reports that the daemon `reads`. The reports of a recording that `is_over` do not come again.
 fn data(report: &mut Report, board: &mut Board, is_over: bool, reads: impl Fn(Function) -> bool) {
     let condition = board.subscriber().condition();
     if condition.is_over() {
@@ -287,7 +287,7 @@ fn data(report: &mut Report, board: &mut Board, is_over: bool, reads: impl Fn(Fu
     }
 }
 
-/// Motors that the board reports, and that are not shown because they are not activated.
+/// Motors that the board reports, but that pmacctl hides because they are not activated.
 fn not_activated(report: &mut Report, board: &mut Board) {
     let servo = board.snapshot().ok().and_then(|snapshot| snapshot.servo).filter(View::is_fresh);
     let motors = servo.iter().flat_map(|servo| &servo.data.motors);
@@ -299,7 +299,7 @@ fn not_activated(report: &mut Report, board: &mut Board) {
     }
 }
 
-/// Motors whose scales the board has not told although it answers.
+/// Motors whose scales the board has not told although it answers questions.
 fn unscaled(report: &mut Report, board: &mut Board) {
     let Ok(identity) = board.identity() else { return };
     let servo = board.snapshot().ok().and_then(|snapshot| snapshot.servo).filter(View::is_fresh);
@@ -316,7 +316,7 @@ fn unscaled(report: &mut Report, board: &mut Board) {
     }
 }
 
-/// The settings that a missing report needs, as far as the board has told its own.
+/// The settings that a missing report needs, and the board's own settings, if known.
 fn missing(region: RegionId, identity: &Identity) -> String {
     let Some(family) = identity::family(identity) else {
         return "the board's family is not known to this program".to_owned();

@@ -81,7 +81,7 @@ pub fn conclude(
     report.fail("names", text);
 }
 
-/// Whether no segment of a daemon is there.
+/// Whether no daemon's segment exists.
 fn is_lost(error: &SegmentError) -> bool {
     matches!(
         error,

@@ -20,9 +20,9 @@ use crate::cli::show::status;
 use crate::device::without_paths;
 use crate::process::path_of;
 
-/// How long the bus accesses are traced: a few megabytes.
+/// How long to trace the bus accesses: a few megabytes.
 const TRACED: Duration = Duration::from_millis(200);
-/// The directory that the file holds.
+/// The directory inside the file.
 const INSIDE: &str = "pmac-report";
 /// Keys of documents that name users.
 const USERS: [&str; 2] = ["owner_uid", "uid"];
@@ -35,7 +35,7 @@ pub fn write(context: &mut Context, report: &Report, path: &Path) -> Result<bool
     let packed = Packed::of(path, file);
     let written = Own::make().and_then(|directory| fill(context, report, packed, &directory.0));
     let (note, is_whole) = written.inspect_err(|_| {
-        // A part of the file is of no use.
+        // A partial file is useless.
         let _ = fs::remove_file(path);
     })?;
     context.output.line(&note)?;
@@ -48,7 +48,7 @@ pub fn write(context: &mut Context, report: &Report, path: &Path) -> Result<bool
     Ok(is_whole)
 }
 
-/// A private directory, which no other user can reach into. It is removed in the end.
+/// A private directory, closed to other users, removed at the end.
 struct Own(PathBuf);
 
 impl Own {
@@ -158,7 +158,7 @@ impl Private {
     }
 }
 
-/// The bytes of the file, compressed where its name says so.
+/// The bytes of the file; compressed if its name says so.
 enum Packed {
     Plain(BufWriter<File>),
     Gzip(GzEncoder<BufWriter<File>>),

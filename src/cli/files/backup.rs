@@ -26,8 +26,8 @@ use crate::rotary::same_line;
 
 /// Largest file. All variables of any board fit.
 const LARGEST_FILE: u64 = 16 << 20;
-/// The variables of the port through which the daemon sends these lines. A change could cut the restore off half-way,
-/// and I58 sets the others.
+/// The variables of the port over which the daemon sends these lines. A change could cut the restore off half-way, and
+/// I58 sets the others.
 const PORT: [u16; 4] = [3, 4, 6, 58];
 /// The last motion program (Turbo Software Reference p. 381, `OPEN PROG`).
 const LAST_PROGRAM: u16 = 32_767;
@@ -253,7 +253,7 @@ impl Report<'_> {
                     refused.insert(entry.item);
                     self.fail(entry, failure.message.clone(), line);
                 }
-                // The lines of a program that the board did not open.
+                // Skip the lines of a program whose OPEN the board refused.
                 Some(_) if refused.contains(&entry.item) => {}
                 Some(failure) => stopped = Some((entry, failure.clone())),
             }
@@ -345,8 +345,8 @@ impl<'a> Report<'a> {
         self.errors.push((entry, what));
     }
 
-    /// Notes a reset that the end of the sequence reports, at the line at which the daemon noticed it; `first` is the
-    /// number of the first of `lines` in the sequence. True when a reset came.
+    /// Notes a reset that the end of the sequence reports, at the line at which the daemon noticed the reset; `first`
+    /// is the number of the first of `lines` in the sequence. True if there was a reset.
     fn reset(
         &mut self,
         over: &RunLinesReply,

@@ -82,7 +82,7 @@ fn dry_run(context: &mut Context, lines: &[SourceLine]) -> Result<Verdict, Failu
     Ok(Verdict::Yes)
 }
 
-/// The first circle for each coordinate system that the lines address, and for that of lines which address none.
+/// The first circle for each addressed coordinate system, and the first in lines without an address.
 fn circles_of(lines: &[SourceLine]) -> BTreeMap<Option<u32>, &Place> {
     let mut circles = BTreeMap::new();
     let mut system = None;
@@ -99,7 +99,7 @@ fn circles_of(lines: &[SourceLine]) -> BTreeMap<Option<u32>, &Place> {
     circles
 }
 
-/// A line that the board refused or did not answer, or that did not reach it.
+/// A line that the board refused or did not answer, or that never reached the board.
 struct Failed {
     line: SourceLine,
     /// The number of `ERRnnn`.
@@ -107,7 +107,7 @@ struct Failed {
     text: String,
 }
 
-/// A download that runs, or has run.
+/// A download, running or over.
 struct Downloading<'a> {
     lines: &'a [SourceLine],
     failed: Vec<Failed>,

@@ -7,7 +7,7 @@ use super::settings_file::{Item, keep_address, read_variables};
 use crate::cli::context::Failure;
 use crate::client::command::lines::LineSequence;
 
-/// Axis definitions in one question.
+/// How many axis definitions to ask for in one question.
 const AXES_A_LINE: usize = 16;
 /// The board's error for a program that it does not have.
 const MISSING: u16 = 3;
@@ -33,8 +33,8 @@ pub fn read(
     Ok(held)
 }
 
-/// Reads `items`, which are sorted and no variables. A program that the board does not have is empty. The sequence must go on
-/// after a line that the board refuses.
+/// Reads `items`, which are sorted and no variables. A program that the board does not have reads as empty. The
+/// sequence must go on after a line that the board refuses.
 ///
 /// # Errors
 /// The board keeps a program under its password, refuses a question for another reason, or gives an unexpected answer.

@@ -1,4 +1,4 @@
-//! Whether two texts set a board to the same: a board lists in its own spelling.
+//! Whether two texts set a board to the same values: a board lists in its own spelling.
 
 use std::collections::BTreeMap;
 
@@ -32,7 +32,7 @@ pub fn same_axis(one: &str, other: &str) -> bool {
         && one.iter().zip(&other).all(|(one, other)| one.0 == other.0 && same_when_listed(*one.1, *other.1))
 }
 
-/// The terms of an axis definition, each with its axis, and without one the offset; `None` for anything else.
+/// The terms of an axis definition, each with its axis; the offset has none. `None` for anything else.
 fn terms(text: &str) -> Option<BTreeMap<Option<char>, f64>> {
     let plain: String = text.chars().filter(|c| *c != ' ').map(|c| c.to_ascii_uppercase()).collect();
     let mut terms = BTreeMap::from([(None, 0.0)]);

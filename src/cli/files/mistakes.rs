@@ -1,4 +1,4 @@
-//! Prints the mistakes in files before anything is sent.
+//! Prints the mistakes in files before pmacctl sends a line.
 
 use super::preprocess::Mistake;
 use crate::cli::console::note;

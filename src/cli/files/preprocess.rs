@@ -107,7 +107,7 @@ struct Preprocessor<'a> {
 /// One `#ifdef`.
 struct Condition {
     place: Place,
-    /// Whether its lines are sent.
+    /// Whether pmacctl sends its lines.
     holds: bool,
     /// Whether all outer conditions hold.
     around: bool,
@@ -116,7 +116,7 @@ struct Condition {
 
 impl Preprocessor<'_> {
     fn file(&mut self, path: &Path, bytes: &[u8]) {
-        // Bytes other than UTF-8 are allowed in comments. The check of the line refuses them elsewhere.
+        // Comments may have bytes other than UTF-8. The check of the line refuses them elsewhere.
         let text = match file_text::read(bytes) {
             Ok(text) => text,
             Err(reason) => {
@@ -273,13 +273,14 @@ impl Preprocessor<'_> {
         found.then_some(out)
     }
 
-    /// The longest name that `word` after a `$` begins with, if only hex digits follow the name. A number is no name.
+    /// The longest defined name at the start of `word` after a `$`, if only hex digits follow the name. A number is no
+    /// name.
     fn name_before_hex<'w>(&self, word: &'w str) -> &'w str {
         let is_hex = |text: &str| text.chars().all(|c| c.is_ascii_hexdigit());
         if is_hex(word) || self.names.contains_key(word) {
             return word;
         }
-        // A character that is no word may take several bytes.
+        // A character that belongs to no word may take several bytes.
         let starts = word.char_indices().rev().map(|(at, _)| word.split_at(at));
         starts
             .filter(|(name, rest)| self.names.contains_key(*name) && is_hex(rest))

@@ -17,7 +17,7 @@ const WORDS: &str = "ABS ADDRESS ADIS ADR AROT BLOCKSTART BLOCKSTOP BSTART BSTOP
 /// Refuses lines most of which PMAC does not know.
 ///
 /// # Errors
-/// The first line that is none.
+/// The first line that PMAC does not know.
 pub fn check(lines: &[SourceLine]) -> Result<(), Mistake> {
     let mut strange = lines.iter().filter(|line| !begins_as_pmac(&line.text)).peekable();
     let Some(first) = strange.peek().map(|line| (*line).clone()) else { return Ok(()) };

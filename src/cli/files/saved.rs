@@ -85,7 +85,7 @@ impl Saved {
         Ok(Self { info, board_type, firmware, date, taken, held })
     }
 
-    /// As readable lines that can be sent again.
+    /// As readable lines for `restore`.
     pub fn text(&self) -> String {
         let Self { info, board_type, firmware, date, taken, held } = self;
         let mut text = format!(
@@ -111,7 +111,7 @@ impl Saved {
     }
 }
 
-/// Everything that is `wanted` of a board of `family`.
+/// All `wanted` items of a board of `family`.
 fn items(wanted: &[What], programs: (u16, u16), family: &str) -> Vec<Item> {
     let count = variables_of(family);
     let is_wanted = |kind| wanted.contains(&kind);

@@ -8,7 +8,7 @@ use crate::client::Connection;
 use crate::client::command::lines::{LineSequence, LinesOptions};
 use crate::protocol::board::{LineFailure, LineOutcome};
 
-/// The time limit of a line: a question asks for as many as a hundred variables.
+/// The time limit of a line: one question asks for up to a hundred variables.
 const LINE_WITHIN: Duration = Duration::from_secs(30);
 
 /// Begins a sequence that the daemon calls a `kind` to other clients. A refused line ends the sequence unless
@@ -17,7 +17,8 @@ pub fn begin<'c>(connection: &'c mut Connection, kind: &'c str, keep_going: bool
     connection.lines(LinesOptions { kind, timeout: LINE_WITHIN, keep_going })
 }
 
-/// The summary when the board did not take all lines: how many it took, and the daemon's notes on what stays on the board.
+/// The summary if the board did not take all lines: how many it took, and the daemon's notes on what stays on the
+/// board.
 pub fn left(taken: u64, lines: usize, notes: &[String]) -> String {
     let notes = notes.iter().map(|note| format!("; {note}")).collect::<String>();
     format!("the board took {taken} of {lines} lines{notes}")

@@ -138,7 +138,7 @@ impl Item {
             .collect()
     }
 
-    /// As [`Self::lines`], where its coordinate system is addressed.
+    /// As [`Self::lines`], while its coordinate system is addressed.
     pub fn lines_there(self, text: &str) -> Vec<String> {
         if !self.is_program() {
             return vec![format!("{}{}{text}", self.short(), self.sign())];
@@ -190,7 +190,7 @@ impl fmt::Display for Item {
 pub struct Entry {
     /// The item.
     pub item: Item,
-    /// The text that the item is set to.
+    /// The item's new text.
     pub text: String,
     /// The line's number.
     pub line: usize,
@@ -326,8 +326,8 @@ fn entry(code: &str, system: u8) -> Result<Line, String> {
     Ok(Line::Entry(item, text.to_owned()))
 }
 
-/// All clients share the addressed motor and coordinate system: has the daemon address them again at the end, where
-/// `items` need others. The board's answer becomes part of a line then, so it has to be a number alone.
+/// All clients share the addressed motor and coordinate system: the daemon restores both at the end if `items` need
+/// others. The board's answer becomes part of a line then, so the answer must be a plain number.
 ///
 /// # Errors
 /// As `ask`.

@@ -27,7 +27,7 @@ use crate::protocol::check_line;
 const TAKE_SAMPLES_EVERY: Duration = Duration::from_millis(5);
 /// Beyond two periods, report a board without samples after this time.
 const NO_SAMPLE_FOR: Duration = Duration::from_secs(5);
-/// How often to tell the daemon that somebody still follows.
+/// How often to tell the daemon that the owner still follows.
 const RENEWAL: Duration = Duration::from_millis(500);
 
 #[derive(Debug, ClapArgs)]
@@ -149,7 +149,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
         outcome = outcome.and(finished);
     }
     if let Err(failure) = outcome {
-        // A daemon that is gone has been told of.
+        // The user already knows that the daemon is gone.
         if let (Ok(_) | Err(CommandError::Refused(_)), Some(trouble)) = (&stopped, trouble(&stopped)) {
             note(trouble);
         }
@@ -197,7 +197,7 @@ fn check_then(line: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Sends the line that was to follow once the board gathers.
+/// Sends the line of `--then` once the board gathers.
 fn send(connection: &mut Connection, line: &str) -> Result<(), Failure> {
     let timeout = Meaning::of(line).deadline(deadlines::PLAIN);
     let reply = connection.send(line, timeout).map_err(LineError::from);
@@ -209,7 +209,7 @@ fn send(connection: &mut Connection, line: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The reason that no samples follow the last one, if the board should have gone on.
+/// Why no samples follow the last one, if the board should have gone on.
 fn why_ended(phase: Option<GatherPhase>) -> Option<&'static str> {
     match phase {
         Some(GatherPhase::Redefined) => Some(
@@ -320,7 +320,7 @@ impl Gathering<'_> {
             if renewed.elapsed() > RENEWAL {
                 renewed = Instant::now();
                 match connection.sequence_renew() {
-                    // The daemon has ended the gather, and says why when asked to.
+                    // The daemon has ended the gather, and gives the reason on request.
                     Err(CommandError::Refused(_)) => break,
                     Ok(()) => {}
                     Err(_) => return Err(Failure::Request(gone(self.samples))),

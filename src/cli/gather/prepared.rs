@@ -52,7 +52,7 @@ impl Prepared {
     /// Begins the gather; returns when the board gathers.
     ///
     /// # Errors
-    /// [`Failure`]. The board is then as before.
+    /// [`Failure`]. The board is then in its state before the call.
     pub fn begin(&mut self) -> Result<GatherRun, Failure> {
         let Self { board, connection, layout, plan, clock } = self;
         let follower = board.follow_gather()?;

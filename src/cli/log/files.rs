@@ -113,11 +113,11 @@ pub struct Files {
     /// The number of missed updates that the log read.
     unscaled: u64,
     pauses: Pauses,
-    /// The counts of the rows that found no room since the last row that did.
+    /// The counts of the rows that found no room since the last written row.
     unwritten: Tally,
-    /// The disk counts as full until then.
+    /// Until this time the disk counts as full.
     full_until: Option<Instant>,
-    /// No row has found room since the log said that the disk is full.
+    /// Since the message about the full disk no row has found room.
     is_full: bool,
     /// A row without values, for gaps.
     gap_row: Vec<f64>,
@@ -177,7 +177,7 @@ impl Files {
         Tally { updates, missed: missed + more_missed, lost: lost + more_lost }
     }
 
-    /// How many of the missed were read while their scale was not known.
+    /// How many of the missed updates the log read without knowing their scale.
     pub fn unscaled(&self) -> u64 {
         self.unscaled
     }
@@ -356,8 +356,8 @@ impl Files {
     }
 }
 
-/// Opens a file to look at its lock. Neither waits for a FIFO nor follows a link that another program may have put
-/// there.
+/// Opens a file to look at its lock. Does not wait for a FIFO and does not follow a link: another program may have put
+/// either there.
 fn opened(path: &Path) -> io::Result<File> {
     let flags = OFlag::O_NONBLOCK | OFlag::O_NOFOLLOW;
     OpenOptions::new().read(true).custom_flags(flags.bits()).open(path)
@@ -468,7 +468,7 @@ mod tests {
             file.set_len(100 << 20).unwrap();
         };
         std::fs::write(place(&path, 1), vec![b'x'; 1000]).unwrap();
-        // One's own, with a hole.
+        // The test's own file, with a hole.
         sparse(2);
         let strange = [9_000_000, HIGHEST_NUMBER].map(|number| {
             sparse(number);

@@ -1,11 +1,11 @@
-//! `pmacctl log`: writes every servo update to a file, for as long as it is asked to.
+//! `pmacctl log`: writes every servo update to a file, until its end.
 //!
-//! | file | what is in it |
+//! | file | content |
 //! |---|---|
 //! | `row` | the columns of a line; [`crate::table::csv`] writes it as text |
-//! | `files`, `series` | one file or a series of them; a full disk |
+//! | `files`, `series` | one file or a series of files; a full disk |
 //! | `words` | the columns of the site's own words |
-//! | `trigger` | when to begin, and the rows from before it |
+//! | `trigger` | when to begin, and the rows from before the trigger |
 //! | `wait` | the waits of a log, and the notes about them |
 
 mod files;
@@ -41,7 +41,7 @@ const TAKE_UPDATES_EVERY: Duration = Duration::from_millis(20);
 const SCALES: Duration = Duration::from_secs(5);
 /// After this time the log says that it waits for scales.
 const SCALES_SILENT: Duration = Duration::from_secs(1);
-/// A daemon of this age has asked the board for its type and its scales, if it asks at all.
+/// A daemon that has run for so long has asked the board for its type and its scales, if it asks at all.
 const ASKED: Duration = Duration::from_secs(10);
 
 #[derive(Debug, Args)]
@@ -143,7 +143,7 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
     finish(context, &mut board, run)
 }
 
-/// A log under way.
+/// A running log.
 struct Logging<'a> {
     options: &'a Log,
     stop: Interrupt,

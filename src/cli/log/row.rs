@@ -9,11 +9,11 @@ use crate::decode::{Quantity, ServoData};
 use crate::gather::SampleClock;
 use crate::table::{Field, FieldKind};
 
-/// The fields of a motor that are logged unless others are named.
+/// The fields of a motor that the log takes by default.
 pub const DEFAULT_FIELDS: &[&str] =
     &["commanded_position", "actual_position", "following_error", "velocity", "servo_status"];
 
-/// A value that every row has.
+/// A value of every row.
 #[derive(Debug, Clone, PartialEq)]
 struct Column {
     /// The motor's number, and the value's place in [`crate::decode::ServoMotor::quantities`].
@@ -32,11 +32,11 @@ pub struct LogRows {
     words: Vec<Field>,
     /// The servo timer and the host's time at time 0.
     zero: (u64, u64),
-    /// The host's time, and the row's, at the update before.
+    /// The host's time, and the row's time, at the previous update.
     last: Option<(u64, f64)>,
-    /// The servo timer of the update before.
+    /// The servo timer of the previous update.
     last_timer: u64,
-    /// Board or daemon paused since then, or began anew: the servo timer does not say for how long.
+    /// Board or daemon paused or restarted since then: the servo timer does not say for how long.
     has_paused: bool,
     row: Vec<f64>,
 }
@@ -47,7 +47,7 @@ const OWN: usize = 5;
 pub const GAP: Range<usize> = 3..OWN;
 /// The place of the time in a row.
 pub const TIME: usize = 1;
-/// And that of `unix_s`.
+/// The place of `unix_s`.
 const UNIX: usize = 2;
 
 impl LogRows {
@@ -100,13 +100,13 @@ impl LogRows {
         own.into_iter().chain(columns).chain(self.words.iter().cloned()).collect()
     }
 
-    /// The names of the columns of which `update` has no value.
+    /// The names of the columns for which `update` has no value.
     pub fn without_value(&self, update: &ServoData) -> Vec<&str> {
         let has = |column: &Column| column.quantity(update).is_some();
         self.columns.iter().filter(|column| !has(column)).map(|column| &*column.field.name).collect()
     }
 
-    /// The length of a servo cycle, where that was known.
+    /// The length of a servo cycle, if the first update knew it.
     pub fn servo_period_ns(&self) -> Option<f64> {
         self.clock.servo_period_ns
     }
@@ -118,14 +118,14 @@ impl LogRows {
         time.into_iter().chain(self.columns.iter().filter(is_raw).map(|column| &*column.field.name)).collect()
     }
 
-    /// Whether `update` has none of the scaled values of the first update: a daemon that was started again does not
-    /// know the scales at first.
+    /// Whether `update` has none of the scaled values of the first update: a restarted daemon does not know the scales
+    /// at first.
     pub fn lacks_scales(&self, update: &ServoData) -> bool {
         let mut scaled = self.columns.iter().filter(|column| column.is_scaled).peekable();
         scaled.peek().is_some() && scaled.all(|column| column.number(update).is_nan())
     }
 
-    /// The row of an update, with `words` as they were then.
+    /// The row of an update, with the `words` of its time.
     pub fn update(&mut self, update: &View<ServoData>, words: &mut Words) -> &[f64] {
         let unix_s = update.realtime_ns as f64 / 1e9;
         let time = self.time(update);
@@ -158,7 +158,7 @@ impl LogRows {
         &self.row
     }
 
-    /// How long, at `now_ns` of the host's clock, no update has come.
+    /// How long no update has come, at `now_ns` of the host's clock.
     pub fn silent_ns(&self, now_ns: u64) -> u64 {
         self.last.map_or(0, |(last_ns, _)| now_ns.saturating_sub(last_ns))
     }
@@ -174,7 +174,7 @@ impl LogRows {
         &self.row
     }
 
-    /// Notes that board or daemon paused, or began anew, before the next update.
+    /// Notes that board or daemon paused or restarted before the next update.
     pub fn pause(&mut self) {
         self.has_paused = true;
     }

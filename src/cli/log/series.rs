@@ -12,10 +12,10 @@ use crate::cli::context::Failure;
 
 /// Digits of a file's number, at least.
 const DIGITS: usize = 6;
-/// The highest number: a file with the date in its name (`run-20261126.csv`) is none of a series.
+/// The highest number: a file with the date in its name (`run-20261126.csv`) belongs to no series.
 pub(super) const HIGHEST_NUMBER: u64 = 9_999_999;
 
-/// The file `number` of the series `path`: `log.csv` becomes `log-000012.csv`. 0 is no series.
+/// The file `number` of the series `path`: `log.csv` becomes `log-000012.csv`. 0 means no series.
 pub(super) fn place(path: &Path, number: u64) -> PathBuf {
     if number == 0 {
         return path.to_owned();
@@ -26,9 +26,9 @@ pub(super) fn place(path: &Path, number: u64) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// The user's own files of the series `path`: number, path, and the bytes of each. In a directory where others may
-/// create files, the files of others neither count nor go, and take no number; neither does a second name of the user's
-/// own file, which another user may have given it.
+/// The user's own files of the series `path`: the number, path and bytes of each. In a directory where other users may
+/// create files, their files neither count nor are removed, and take no number; the same holds for a second name of the
+/// user's own file, which another user may have given it.
 pub(super) fn series(path: &Path) -> io::Result<Vec<(u64, PathBuf, u64)>> {
     let directory = path.parent().filter(|parent| *parent != Path::new("")).unwrap_or(Path::new("."));
     let number = |name: &OsStr| {

@@ -1,4 +1,4 @@
-//! The begin of a log: a condition on a motor's value or flag, and the rows from before.
+//! The begin of a log: a condition on a motor's value or flag, and the rows from before it.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -8,14 +8,14 @@ use super::files::RowMeaning;
 use crate::client::Gap;
 use crate::decode::{Flags, ServoData};
 
-/// How a value is compared.
+/// The comparison of a value with a limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Comparison {
     Above,
     Below,
 }
 
-/// The value or flag that the condition looks at.
+/// The value or flag in the condition.
 #[derive(Debug, Clone, PartialEq)]
 enum Test {
     /// A value against a limit.
@@ -32,7 +32,7 @@ pub struct Condition {
     test: Test,
 }
 
-/// How conditions are written.
+/// The form of a condition.
 const FORM: &str =
     "write MOTOR.FIELD>NUMBER, |MOTOR.FIELD|>NUMBER or the same with <, MOTOR.FLAG or !MOTOR.FLAG";
 
@@ -59,7 +59,7 @@ impl FromStr for Condition {
     }
 }
 
-/// The condition as a user types it.
+/// The condition in the user's spelling.
 impl fmt::Display for Condition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let motor = self.motor;
@@ -90,7 +90,7 @@ impl Condition {
         (!has).then(|| format!("--trigger: the servo report has no {name:?}; {FORM}"))
     }
 
-    /// The reason that the condition cannot be true yet: the board has not told the scale of its value in `update`.
+    /// Why the condition cannot be true yet: the board has not told the scale of its value in `update`.
     pub fn lacks_scale(&self, update: &ServoData) -> Option<String> {
         let Test::Value { field, .. } = &self.test else { return None };
         let motor = update.motors.iter().find(|motor| motor.motor == self.motor)?;

@@ -6,10 +6,10 @@ use crate::cli::console::note;
 use crate::cli::show::motors::reason;
 use crate::client::{Board, Staleness};
 
-/// The log says after this time that it waits.
+/// After this time the log says that it waits.
 pub const SAY_AFTER: Duration = Duration::from_secs(2);
 
-/// A wait that the log tells once when it takes long.
+/// A wait that the log mentions once if it takes long.
 #[derive(Default)]
 pub struct LongWait {
     since: Option<Instant>,

@@ -7,31 +7,31 @@ use crate::client::{Board, ClientError, UserData, View};
 use crate::segment::RegionId;
 use crate::table::{Field, FieldKind};
 
-/// Before a word's name in `--fields` and in its columns.
+/// Stands before a word's name in `--fields` and in its columns.
 pub const PREFIX: &str = "user.";
 
 /// One value of each row.
 struct Column {
     name: String,
-    /// Which of the word's values.
+    /// The place of the value among the word's values.
     index: usize,
     field: Field,
 }
 
-/// What the words were at each update: as `pmacd` had last read them before.
+/// The words at each update: the values that `pmacd` had last read before it.
 pub struct Words {
     columns: Vec<Column>,
-    /// The latest sample that no update is older than, and those behind it.
+    /// The latest sample that is no newer than the last update, and all later samples.
     samples: VecDeque<View<UserData>>,
-    /// The segment of the samples, and the number of the next one.
+    /// The generation of the samples' segment, and the next sample's number.
     generation: u64,
     next: u64,
-    /// When a sample is too old.
+    /// The age at which a sample is too old.
     stale_after_ns: u64,
 }
 
 impl Words {
-    /// All words, or those that `fields` name.
+    /// All words, or the words in `fields`.
     ///
     /// # Errors
     /// [`Failure::Request`] for a name that the configuration does not have.
@@ -65,7 +65,7 @@ impl Words {
         self.columns.iter().map(|column| &column.field)
     }
 
-    /// Takes the samples that have come: those of all updates that have been taken are among them.
+    /// Takes the new samples. Call this after taking updates: then the samples of these updates are here.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -86,7 +86,8 @@ impl Words {
         Ok(())
     }
 
-    /// The values at an update of `time_ns`, which is no earlier than the update before. No number where a word was not whole or is old.
+    /// The values at an update of `time_ns`; call this in the order of the updates. NaN for a word that was not whole,
+    /// or is old.
     pub fn at(&mut self, time_ns: u64) -> impl Iterator<Item = f64> {
         while self.samples.get(1).is_some_and(|sample| sample.time_ns <= time_ns) {
             self.samples.pop_front();

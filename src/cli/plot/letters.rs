@@ -11,7 +11,7 @@ const WIDTHS: [u16; 95] = [
     500, 613, 635, 550, 635, 615, 352, 635, 634, 278, 278, 579, 278, 974, 634, 612,
     635, 635, 411, 521, 392, 634, 592, 818, 592, 592, 525, 636, 337, 636, 838,
 ];
-/// The width of any other letter: as wide as a letter is.
+/// The width of any other letter: as wide as a letter can be.
 const OTHER: u16 = 1000;
 
 /// The width of `text` in letters of `size` pixels.

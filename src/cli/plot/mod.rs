@@ -1,4 +1,4 @@
-//! `pmacctl plot`, and the pictures of `gather`, `log` and `tune`: all are drawn here.
+//! `pmacctl plot`, and the pictures of `gather`, `log` and `tune`.
 
 mod figure;
 mod letters;
@@ -42,7 +42,7 @@ pub fn run(options: &Plot) -> Result<Verdict, Failure> {
     Ok(Verdict::Yes)
 }
 
-/// Where a picture goes.
+/// The destination of a picture.
 #[derive(Debug, Clone)]
 pub struct PicturePath(PathBuf);
 

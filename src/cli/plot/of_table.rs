@@ -11,7 +11,7 @@ const TIMES: [(&str, &str); 4] = [
     ("sample", "sample"),
     ("update", "update"),
 ];
-/// Columns that tell of the row, not of the machine.
+/// Columns about the row, not about the machine.
 const OWN: [&str; 6] = ["time_s", "servo_cycle", "sample", "update", "unix_s", "missed"];
 /// The column that counts lost updates.
 const LOST: &str = "lost";
@@ -71,7 +71,7 @@ fn label(name: &str, unit: &str) -> String {
     if unit.is_empty() { kind } else { format!("{kind} ({unit})") }
 }
 
-/// How many samples or updates are not in the table.
+/// How many samples or updates the table lacks.
 fn missing(table: &Table) -> String {
     let sum = |name| table.column(name).map_or(0.0, |counts| counts.iter().sum::<f64>());
     let updates = sum("missed") + sum(LOST);
@@ -83,7 +83,7 @@ fn missing(table: &Table) -> String {
     }
 }
 
-/// Before which rows of a gather samples are missing, and how many.
+/// The rows of a gather after missing samples, and how many are missing before each.
 fn gaps(table: &Table) -> Vec<(usize, f64)> {
     let numbers = table.column("sample").unwrap_or_default();
     let jump = |(index, pair): (usize, &[f64])| (index + 1, pair[1] - pair[0] - 1.0);

@@ -3,7 +3,7 @@
 /// A colour, red, green and blue.
 pub type Color = [u8; 3];
 
-/// Where a text is held.
+/// The end at which a text is anchored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Anchor {
     Start,
@@ -38,7 +38,7 @@ pub enum Shape {
 pub struct Scene {
     pub width: f64,
     pub height: f64,
-    /// The parts, each drawn over those before.
+    /// The parts, each drawn over the earlier ones.
     pub shapes: Vec<Shape>,
 }
 

@@ -1,5 +1,5 @@
-//! From a column of values to lines on the page: broken where values are missing, and of a million points only as many as
-//! can be seen.
+//! From a column of values to lines on the page: broken at missing values, and with only as many of a million points as
+//! the eye can see.
 
 /// Points of one line, and places of values that stand alone.
 #[derive(Debug, Default, PartialEq)]

@@ -22,13 +22,13 @@ use crate::rotary::{Item, Line, Program, Settings, compile, decompile};
 
 /// The commands whose code may be in two places, and others of each kind.
 const SAMPLE: &[u8] = b"ABS(X)\nINC(X,Y)\nFRAX(X,Y)\nM1|=6\nLINEAR\nX10 Y-2.5\nDWELL100\n";
-/// Where HOME can name more motors than PMAC has, that is worked out.
+/// If HOME can name more motors than PMAC has, the code for them is worked out.
 const MORE_MOTORS: &[u8] = b"HOME9,24\n";
 /// Time limit of a command line.
 const LINE_PATIENCE: Duration = Duration::from_secs(5);
 /// How long the board may take for all lines.
 const TAKEN_WITHIN: Duration = Duration::from_secs(3);
-/// Period of the checks whether it has.
+/// How often to check whether the board has taken all lines.
 const ASK_STATE_EVERY: Duration = Duration::from_millis(20);
 
 /// `rotary check`.
@@ -96,7 +96,7 @@ pub fn run(context: &mut Context, options: &Check) -> Result<Verdict, Failure> {
         context.output.json(&json!({ "lines": listing }))?;
     } else {
         context.output.line(format_args!("the board lists {} lines as they were sent", listing.len()))?;
-        // ABS has the same words by both.
+        // ABS has the same words by both readings.
         let read = |(place, _)| {
             let by = Settings { rotary_code2: Some(place), ..settings.clone() };
             program.words().map(|words| Item::from_words(words.0, words.1, &by).ok()).collect::<Vec<_>>()

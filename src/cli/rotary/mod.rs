@@ -1,5 +1,5 @@
-//! `pmacctl rotary encode` and `rotary decode`: motion programs to binary rotary commands and back. Neither needs a board
-//! or a daemon. `rotary stream` feeds a board, `rotary check` has it list what it was sent.
+//! `pmacctl rotary encode` and `rotary decode`: motion programs to binary rotary commands and back. Neither needs a
+//! board or a daemon. `rotary stream` feeds a board; `rotary check` has the board list the commands that it got.
 
 mod check;
 mod source;

@@ -67,7 +67,7 @@ pub fn compiled(file: &str, settings: &Settings) -> Result<Program, Failure> {
     Ok(program)
 }
 
-/// As [`compiled`], and the ABS, INC and FRAX that go before the stream.
+/// As [`compiled`], and the ABS, INC and FRAX that must precede the stream.
 ///
 /// # Errors
 /// As [`compiled`].
@@ -102,7 +102,7 @@ pub fn read(file: &str) -> Result<Vec<u8>, Failure> {
     input::read(file, LARGEST_PROGRAM).map_err(|why| Failure::Request(format!("{}: {why}", shown(file))))
 }
 
-/// Each finding on a line: `FILE:LINE:COLUMN: what`.
+/// Each finding on a line: `FILE:LINE:COLUMN: text`.
 pub fn listing<T: Display>(name: &str, kind: &str, report: &Report<T>) -> String {
     let mut lines: Vec<String> = report
         .listed

@@ -1,7 +1,8 @@
-//! `pmacctl rotary stream`: feeds a motion program to the board through a binary rotary buffer, until the board has all.
+//! `pmacctl rotary stream`: feeds a motion program to the board through a binary rotary buffer, until the board has all
+//! lines.
 //!
-//! The daemon sets the buffer up, watches the program and ends the stream. This module sends the lines, and shows how far
-//! they are.
+//! The daemon sets up the buffer, watches the program and ends the stream. This module sends the lines and shows the
+//! progress.
 
 use std::time::{Duration, Instant};
 
@@ -167,7 +168,7 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
     stopped.map_or(Ok(Verdict::Yes), Err)
 }
 
-/// The number of the buffer that is fed.
+/// The number of the buffer that the stream feeds.
 fn buffer(options: &Stream, family: &Family) -> Result<u8, Failure> {
     let (own, buffers) = (own_buffer(family, options.cs), family.rotary.headers.len());
     let buffer = options.buffer.unwrap_or(own);
@@ -192,7 +193,7 @@ pub(super) fn check_system(cs: u8, family: &Family) -> Result<(), Failure> {
     Err(Failure::Request(format!("--cs {cs}: the board has 1 to {count}")))
 }
 
-/// The number of the buffer that coordinate system `cs` is fed from, unless told otherwise.
+/// The number of the buffer for coordinate system `cs`, unless the user chooses another.
 pub(super) fn own_buffer(family: &Family, cs: u8) -> u8 {
     family.rotary.index_for(cs.into()) as u8 + 1
 }
@@ -375,7 +376,7 @@ struct Patience {
 #[derive(Debug, PartialEq, Eq)]
 enum Waited {
     Fine,
-    /// Longer than usual, for the first time.
+    /// The board takes longer than usual; reported once.
     Puzzled,
     Over,
 }

@@ -51,7 +51,7 @@ pub fn answer(options: &Absolute, format: &AbsoluteFormat, words: &[Word]) -> Re
         [] => None,
         words => Some(format.position(words).map_err(|error| error.to_string())?),
     };
-    // The variable that holds the home position, as the family's manual writes it.
+    // The variable with the home position, in the spelling of the family's manual.
     let offset = if options.ix10.is_some() { "Ix26" } else { "Ixx26" };
     Explanation::of(&Document { format, position }, text(format, position, offset))
 }
@@ -59,7 +59,7 @@ pub fn answer(options: &Absolute, format: &AbsoluteFormat, words: &[Word]) -> Re
 /// The format that the options name.
 ///
 /// # Errors
-/// Why they name none; exit status 2.
+/// Why the options name none; exit status 2.
 pub fn format(options: &Absolute) -> Result<AbsoluteFormat, String> {
     let format = match (options.ix10, options.ixx10.zip(options.ixx95), options.family) {
         (Some(_), _, Some(Generation::Turbo)) => {

@@ -137,7 +137,7 @@ impl OfBoard {
 }
 
 impl SetupCommand {
-    /// Which board the lines are for.
+    /// The board for which the lines are.
     pub fn board(&mut self) -> &mut OfBoard {
         let (Self::Isa(Isa { board, .. })
         | Self::Vme(Vme { board, .. })
@@ -146,10 +146,10 @@ impl SetupCommand {
     }
 }
 
-/// The lines that `setup …` would send, as JSON and as text, too. They depend on whether the servo report already runs.
+/// The lines that `setup …` would send, as JSON and as text. They depend on whether the servo report runs already.
 ///
 /// # Errors
-/// Why the board cannot be set up this way; exit status 2.
+/// Why this set-up is impossible; exit status 2.
 pub fn answer(command: &SetupCommand, servo_runs: bool) -> Result<Explanation, String> {
     let plan = match command {
         SetupCommand::Isa(options) => options.plan()?,

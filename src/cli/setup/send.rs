@@ -140,7 +140,7 @@ fn is_for(board: &'static Family, command: &mut SetupCommand) -> Result<(), Fail
     )))
 }
 
-/// Refuses lines that put words in order which M-variables of the board use.
+/// Refuses to enable functions whose words M-variables of the board use.
 fn leaves_programs_words(info: &BoardInfo, command: &SetupCommand) -> Result<(), Failure> {
     let SetupCommand::Enable(enable) = command else { return Ok(()) };
     let is_held = |words: &&ProgramWords| enable.functions.contains(&words.function) && !words.used;
@@ -152,7 +152,7 @@ fn leaves_programs_words(info: &BoardInfo, command: &SetupCommand) -> Result<(),
     }
 }
 
-/// Whether the servo report of the daemon's board is live. Without an answer, assume that it is off, as after a reset.
+/// Whether the servo report of the daemon's board runs. Without an answer, assume that it is off, as after a reset.
 fn servo_runs(context: &Context) -> bool {
     let info = context.connection().ok().and_then(|mut connection| connection.info().ok());
     info.is_some_and(|info| info.enabled.iter().any(|name| name == "servo"))

@@ -76,7 +76,7 @@ struct Word {
 }
 
 impl Word {
-    /// Of an M-variable; `None` for bits that the DPRAM has not.
+    /// For an M-variable; `None` for bits that the DPRAM does not have.
     fn of(pointer: &Pointer, family: &Family) -> Option<Self> {
         let format = match MDefinition::parse(&pointer.text)? {
             MDefinition::Register { space, .. } => space.to_string(),

@@ -13,8 +13,8 @@ use crate::decode::{BackgroundData, CoordinateSystem, Ports, Quantity};
 use crate::function::panel::{FeedOverride, PanelWords};
 use crate::map::AXES;
 
-/// The control panel's overrides of the feed rate, if the daemon tells them. `%` and other words that Ix93 may point at
-/// belong to the board.
+/// The control panel's overrides of the feed rate, if the daemon tells them. `%` and other words to which Ix93 may
+/// point belong to the board.
 #[derive(Debug, Default)]
 pub struct Overrides {
     words: Option<PanelWords>,
@@ -32,8 +32,7 @@ impl Overrides {
         Self { words: words(), i10 }
     }
 
-    /// Whether the panel overrides the feed rate of coordinate system `number`, and by how much; `None` where that is not
-    /// known.
+    /// Whether the panel overrides the feed rate of coordinate system `number`, and by how much; `None` if unknown.
     fn of(&self, number: usize) -> Option<Option<FeedOverride>> {
         let words = self.words.as_ref()?;
         let raw = words.overrides.get(number - 1)?;
@@ -59,7 +58,7 @@ impl Overrides {
     }
 }
 
-/// The coordinate systems, as they are shown.
+/// The coordinate systems to show.
 pub struct Systems<'a> {
     snapshot: &'a Snapshot,
     overrides: Overrides,
@@ -161,7 +160,7 @@ fn mode(system: &CoordinateSystem) -> String {
     system.motion_mode.map_or_else(|| unknown.to_owned(), |mode| format!("{mode:?}").to_lowercase())
 }
 
-/// The programmed feed rate, or the time of a move where programs give times. Only Turbo boards report it.
+/// The programmed feed rate, or the time of a move if programs give times. Only Turbo boards report it.
 fn feed(system: &CoordinateSystem) -> String {
     match system.turbo.map(|turbo| (turbo.feed_rate, turbo.move_time_ms)) {
         Some((Some(rate), _)) => format!("F{}", short(rate)),

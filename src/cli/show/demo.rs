@@ -1,7 +1,7 @@
 //! `pmacctl demo`: runs the whole system without hardware or privilege, in a private directory.
 //!
 //! The demo starts the daemon on a simulated board, jogs motors back and forth, and shows them live from the shared
-//! memory, as any program could. The last line gives the counts.
+//! memory, as any program could. Its last line gives the counts.
 
 use std::time::{Duration, Instant};
 
@@ -34,7 +34,7 @@ pub struct Demo {
 const COMMAND: Duration = Duration::from_secs(2);
 /// The time between jogs.
 const JOG_EVERY: Duration = Duration::from_millis(1200);
-/// How many motors are shown. The first four move.
+/// The number of motors shown. The first four move.
 const SHOWN: usize = 8;
 /// The motors' moves, in turn. Speeds are in counts per millisecond, positions in counts.
 const SET_UP: &str = "I122=20 I222=12 I322=8 I422=4";
@@ -42,7 +42,7 @@ const JOGS: [&str; 4] = ["#1J=20000 #2J=8000", "#3J=-5000 #4J^2500", "#1J=0 #2J=
 
 pub fn run(context: &mut Context, options: &Demo) -> Result<Verdict, Failure> {
     let signal = Interrupt::listen()?;
-    // With the name and the socket of the command line, else with its own.
+    // With the name and the socket of the command line, else with the demo's own.
     let own = || SegmentName::new(&format!("pmac-demo-{}", std::process::id()));
     let name = context.told_name().cloned().map_or_else(own, Ok).map_err(Failure::request)?;
     let simulated = format!("sim,family={}", options.family.name);

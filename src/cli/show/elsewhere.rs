@@ -1,4 +1,4 @@
-//! Activity and changes by other hosts on the board, as sentences.
+//! Other hosts' activity and changes on the board, as sentences.
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use crate::cli::console::rfc3339;
 use crate::protocol::board::Elsewhere;
 
-/// Each as JSON, with its sentence as `text`.
+/// Each of them as JSON, with its sentence as `text`.
 pub fn documents(all: &[Elsewhere]) -> Vec<Value> {
     let now = SystemTime::now();
     let document = |one: &Elsewhere| {

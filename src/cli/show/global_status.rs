@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use crate::decode::{BackgroundData, Flags, ServoData};
 
-/// The words and the names of their flags, from the report that has them; null where neither report does.
+/// The words and the names of their flags, from the report that has them; null if neither report does.
 pub fn document(servo: Option<&ServoData>, background: Option<&BackgroundData>) -> Value {
     let flags = servo.and_then(ServoData::global_flags);
     let flags = flags.or_else(|| background.and_then(BackgroundData::global_flags));

@@ -10,7 +10,7 @@ use crate::client::{Board, Connection, Snapshot, Staleness, View, identity};
 use crate::map::DEFAULT_FAMILY;
 use crate::protocol::board::REPLAY_OVER;
 
-/// The activated motors, as they are shown.
+/// The activated motors to show.
 pub struct Motors<'a>(pub &'a Snapshot);
 
 impl Live for Motors<'_> {
@@ -47,7 +47,7 @@ impl Live for Motors<'_> {
         note + &table + &notes.collect::<String>()
     }
 
-    /// Of each motor the actual position, the following error and the flags.
+    /// The actual position, the following error and the flags of each motor.
     fn line(&self) -> String {
         let motors = shown(self.0);
         let motors = motors.iter().map(|motor| {
@@ -126,7 +126,7 @@ pub fn table(motors: &[Motor<'_>]) -> Table {
             motor.flags().join(" "),
         ]);
     }
-    // Drop columns that the family reports for no motor. A column that pmacd only does not read stays.
+    // Drop columns that the family reports for no motor. A column that pmacd merely does not read stays.
     if let Some(motor) = motors.first() {
         let columns = [
             ("commanded", "commanded_position"),

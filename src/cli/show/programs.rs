@@ -1,4 +1,4 @@
-//! The programs that run, by the background report: whichever client or earlier `pmacd` started them.
+//! The running programs, by the background report: whichever client or earlier `pmacd` started them.
 
 use serde_json::{Value, json};
 
@@ -10,7 +10,7 @@ pub fn documents(data: Option<&BackgroundData>) -> Vec<Value> {
     let systems = data.into_iter().flat_map(|data| &data.coordinate_systems);
     let documents = systems.filter_map(|system| {
         let runs = system.status.map(|status| status.has("running_program"));
-        // As PR, which counts the lines of the rotary buffer.
+        // As `PR`, which counts the lines of the rotary buffer.
         let lines = system.lines_remaining.unwrap_or_default();
         (runs == Some(true) || lines > 0).then(|| {
             json!({ "coordinate_system": system.coordinate_system, "running": runs, "lines_remaining": lines })
@@ -19,7 +19,7 @@ pub fn documents(data: Option<&BackgroundData>) -> Vec<Value> {
     documents.collect()
 }
 
-/// The running programs, and the way to end them; `None` if no fresh report shows a program. For a user whose line the
+/// The running programs, and how to end them; `None` if no fresh report shows a program. For a user whose line the
 /// board refused because of a running program.
 pub fn what_runs(board: &mut Board) -> Option<String> {
     let background = board.snapshot().ok()?.background.filter(View::is_fresh)?;

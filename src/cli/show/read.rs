@@ -30,7 +30,7 @@ pub struct Read {
 struct WordsRead {
     /// The address, as typed.
     address: String,
-    /// None while the family is not known.
+    /// `None` while the family is unknown.
     pmac_address: Option<String>,
     host_offset: u32,
     /// The bits of the value, if not all.
@@ -53,7 +53,7 @@ pub fn run(context: &mut Context, options: &Read) -> Result<Verdict, Failure> {
     let mut connection = context.connection()?;
     let family = board_family(options, &mut connection)?;
     let mut found = Vec::new();
-    // Of offsets alone the daemon knows the end.
+    // Only the daemon knows where the DPRAM of plain offsets ends.
     let fields = fields(options, family.unwrap_or(&TURBO2))?;
     for (address, Field { location, bits }) in options.addresses.iter().zip(fields) {
         let (time_ns, words) = connection.read(location.offset, location.space.words())?;
@@ -75,7 +75,7 @@ pub fn run(context: &mut Context, options: &Read) -> Result<Verdict, Failure> {
     Ok(Verdict::Yes)
 }
 
-/// The board's family. Host offsets are read without it, too.
+/// The board's family. The program reads host offsets without it, too.
 fn board_family(options: &Read, connection: &mut Connection) -> Result<Option<&'static Family>, Failure> {
     if options.family.is_some() || connection.info()?.family != NO_FAMILY {
         return Context::family(options.family, connection).map(Some);

@@ -29,7 +29,7 @@ impl Screen {
         Self { repaint, note: String::new() }
     }
 
-    /// With a line below the title; in a narrow window with several.
+    /// With one line below the title; in a narrow window with several lines.
     pub fn with_note(mut self, note: String) -> Self {
         self.note = note;
         self
@@ -44,7 +44,7 @@ impl Screen {
             let note = wrapped(&self.note, size);
             let screen = format!("{title}  update {}\n{note}{text}", live.update().0);
             output.text(HOME)?;
-            // Cleared before and not behind the text: behind the last column that would take the last letter away.
+            // Clear the line before the text: after the last column, a clear would remove the last letter.
             for line in fitting(&screen, size) {
                 output.text(format_args!("{CLEAR_LINE}{line}\n"))?;
             }

@@ -1,4 +1,4 @@
-//! A daemon with a simulated board for a while, in a private directory that is gone afterwards.
+//! Runs a daemon with a simulated board for a while, in a private directory that is removed afterwards.
 
 use std::fmt::Write as _;
 use std::os::unix::process::CommandExt;
@@ -60,7 +60,7 @@ impl Stage {
         &self.socket
     }
 
-    /// Waits until `look` gives something; fails when that takes too long, the daemon ends, or a `signal` comes.
+    /// Waits until `look` gives something; fails if that takes too long, the daemon ends, or a `signal` comes.
     pub fn wait_for<T>(
         &mut self,
         signal: &Interrupt,

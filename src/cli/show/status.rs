@@ -55,8 +55,8 @@ fn reported(board: &mut Board) -> (Value, Vec<Value>) {
     (global_status, programs)
 }
 
-/// The part that is not live, and the reason; `None` if all is live. A report that no setting asks the board for is no
-/// fault.
+/// The first part that is not live, and the reason; `None` if all parts are live. A report that no setting asks the
+/// board for is no fault.
 fn fault(
     board: &mut Board,
     condition: Condition,
@@ -97,7 +97,7 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
     let condition = subscriber.condition();
     let now_ns = subscriber.now_ns();
     let age_ms = |since_ns: u64| now_ns.saturating_sub(since_ns) as f64 / 1e6;
-    // A daemon that is gone is no longer up.
+    // A daemon that is gone has no uptime.
     let end_ns = if condition.is_over() { header.heartbeat_ns } else { now_ns };
     let regions: Map<String, Value> = subscriber
         .regions()

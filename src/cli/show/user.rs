@@ -10,10 +10,10 @@ use crate::client::{Snapshot, Staleness, UserValues, identity};
 use crate::decode::Value;
 use crate::map::{DEFAULT_FAMILY, Family, Space};
 
-/// Stands for values that the board was writing at each of the daemon's reads.
+/// Stands for values that the board was writing at each read of the daemon.
 const NOT_WHOLE: &str = "not whole";
 
-/// The words, as they are shown.
+/// The words to show.
 pub struct Words<'a>(pub &'a Snapshot);
 
 impl Words<'_> {
@@ -67,7 +67,7 @@ impl Live for Words<'_> {
     }
 }
 
-/// The values, a blank between two.
+/// The values, separated by blanks.
 pub fn text(UserValues { word, values }: &UserValues) -> String {
     let one = |value: &Value| match *value {
         Value::Float(value) if word.location.space == Space::F => float32(value),

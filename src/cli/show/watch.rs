@@ -1,5 +1,5 @@
-//! `pmacctl motors` and `pmacctl coordinates`, and `pmacctl watch`, which shows the same live, also across restarts of the
-//! daemon.
+//! `pmacctl motors` and `pmacctl coordinates`, and `pmacctl watch`, which shows the same live, also across restarts of
+//! the daemon.
 
 use std::time::{Duration, Instant};
 

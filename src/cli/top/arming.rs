@@ -10,11 +10,11 @@ use std::time::{Duration, Instant};
 use super::hand::Order;
 use crate::function::panel::PanelAction;
 
-/// A key that repeats does so sooner. Terminals repeat every 25 to 100 ms.
+/// A key that repeats does so within this time. Terminals repeat every 25 to 100 ms.
 pub const RELEASED: Duration = Duration::from_millis(200);
-/// No terminal repeats a key sooner.
+/// No terminal repeats a key faster.
 const AT_ONCE: Duration = Duration::from_millis(10);
-/// A key that is held down begins to repeat sooner. Terminals wait 250 to 660 ms.
+/// A held key begins to repeat within this time. Terminals wait 250 to 660 ms.
 const REPEATS: Duration = Duration::from_millis(800);
 /// After this time without a press, armed keys are disarmed.
 pub const IDLE: Duration = Duration::from_secs(30);
@@ -23,7 +23,7 @@ pub const IDLE: Duration = Duration::from_secs(30);
 pub enum Arming {
     #[default]
     Off,
-    /// The program asks the daemon whether this user may jog.
+    /// The program is asking the daemon whether this user may jog.
     Asked(u8),
     On {
         motor: u8,
@@ -58,7 +58,7 @@ impl Arming {
         }
     }
 
-    /// The user has pressed a jog key. `None` where the keys are not armed, else the hand's next order, if any.
+    /// The user has pressed a jog key. `None` if the keys are not armed, else the hand's next order, if any.
     pub fn press(&mut self, action: PanelAction, now: Instant) -> Option<Option<Order>> {
         let Self::On { motor, used, press } = self else { return None };
         *used = now;
@@ -70,14 +70,14 @@ impl Arming {
             (Some(_), Some(silent)) if silent < REPEATS => {
                 (true, Some(Order::Jog { motor: *motor, action, until: now + RELEASED }))
             }
-            // The first press, or that of the other key.
+            // The first press, or the first press of the other key.
             _ => (false, press.is_some_and(|press| press.jogs).then_some(Order::Stop)),
         };
         *press = Some(Press { action, at: now, jogs });
         Some(order)
     }
 
-    /// Disarms. Returns the order that stops a jog.
+    /// Disarms the keys. Returns the order that stops a jog.
     pub fn disarm(&mut self) -> Option<Order> {
         match std::mem::take(self) {
             Self::On { press: Some(Press { jogs: true, .. }), .. } => Some(Order::Stop),

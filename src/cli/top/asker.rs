@@ -23,7 +23,7 @@ pub struct DaemonAnswer {
     pub watched: Watched,
 }
 
-/// Ends its thread when it is dropped, as soon as the daemon has answered.
+/// Its drop ends the thread as soon as the daemon has answered.
 pub struct Asker {
     names: Sender<Vec<String>>,
     answers: Receiver<DaemonAnswer>,

@@ -1,8 +1,8 @@
 //! The thread that holds a jog for `top`.
 //!
-//! The hand renews the lease only until the moment that the last key press gave it. So the motor also stops when the
-//! screen hangs (a terminal that is gone or takes no more output), not only when the process ends: then the daemon
-//! stops the motor.
+//! The hand renews the lease only until the moment that the last key press set. So the motor also stops when the screen
+//! hangs (a terminal that is gone or takes no more output), not only when the process ends: then the daemon stops the
+//! motor.
 
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -24,15 +24,15 @@ const STOP_WITHIN: Duration = Duration::from_secs(8);
 /// An order to the hand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
-    /// See whether this user may jog.
+    /// Ask whether this user may jog.
     Arm(u8),
-    /// Jog until then.
+    /// Jog until this time.
     Jog {
         motor: u8,
         action: PanelAction,
         until: Instant,
     },
-    /// Jog on until then.
+    /// Go on jogging until this time.
     Keep(Instant),
     Stop,
 }
@@ -46,13 +46,13 @@ pub enum Told {
     Jogs(u8),
     Stopping(u8),
     Stopped(u8),
-    /// The jog is over, and more is to be said.
+    /// The jog is over, with this message.
     Fault(String),
     /// The board's answer to a control character.
     Character(u8, Result<(), String>),
 }
 
-/// Where the daemon is.
+/// The daemon's address.
 #[derive(Debug, Clone)]
 struct Daemon {
     socket: PathBuf,
@@ -137,7 +137,7 @@ struct Holder {
 }
 
 impl Holder {
-    /// Follows the orders until there can be no more.
+    /// Follows the orders until no more can come.
     fn run(&self) {
         let mut next = self.orders.recv().ok();
         while let Some(order) = next.take() {
@@ -154,11 +154,12 @@ impl Holder {
     }
 
     fn tell(&self, told: Told) {
-        // The screen is gone only at the end.
+        // The screen is gone only at the program's end.
         let _ = self.tell.send(told);
     }
 
-    /// Jogs until the keys have been silent for too long. Returns the order that ended the jog, if that asks for more.
+    /// Jogs until the keys have been silent for too long. Returns the order that ended the jog, if that order asks for
+    /// more.
     fn jog(&self, motor: u8, action: PanelAction, mut until: Instant) -> Option<Order> {
         let begun = self.daemon.connect();
         let held = match begun.and_then(|connection| HeldJog::begin(connection, action.name(), &[motor])) {
@@ -195,7 +196,7 @@ impl Holder {
     }
 }
 
-/// The reason that this user may not jog. The daemon decides, so the hand asks before the user presses a key.
+/// Why this user may not jog. The daemon decides, so the hand asks before the user presses a key.
 fn may_jog(daemon: &Daemon) -> Result<(), String> {
     let asked =
         daemon.connect().and_then(|mut connection| Ok((connection.info()?, jogs_by_panel(&mut connection)?)));

@@ -16,11 +16,11 @@ pub enum Action {
     Jog(PanelAction),
     Abort,
     Kill,
-    /// A line is typed.
+    /// Begins the entry of a line.
     Prompt,
     Status,
     Help,
-    /// Back to the motors; or only the end of another key's entry.
+    /// Returns to the motors, or only ends another key's entry.
     Back,
     Suspend,
     Quit,
@@ -29,7 +29,7 @@ pub enum Action {
 /// A line of the table.
 pub struct Binding {
     keys: &'static [Key],
-    /// The keys as people write them.
+    /// The keys as the help shows them.
     pub shown: &'static str,
     action: Action,
     pub does: &'static str,

@@ -1,11 +1,11 @@
 //! `pmacctl top`: motors, coordinate systems, health and watches on one screen, and jog keys.
 //!
-//! | file | what is in it |
+//! | file | content |
 //! |---|---|
-//! | `keys` | what each key does |
-//! | `state` | what is selected, armed and typed; keys in, orders out |
+//! | `keys` | the effect of each key |
+//! | `state` | the selection, the armed motor and the typed text; keys in, orders out |
 //! | `arming`, `hand` | when a jog key may move a motor; the thread that holds the jog |
-//! | `source`, `trace` | what is read for each picture; the following errors of the last seconds |
+//! | `source`, `trace` | the data of each picture; the following errors of the last seconds |
 //! | `asker`, `watches` | the thread that asks the daemon; registers and variables |
 //! | `draw` | the picture |
 //! | `tty` | the terminal |
@@ -52,10 +52,10 @@ pub struct Top {
     pub rate: Duration,
 }
 
-/// The longest time between two pictures, whatever `--rate` says: within it the daemon's ring of updates never
-/// overruns, and the screen reports an unconfirmed stop in time.
+/// The longest time between two pictures, whatever `--rate` says: within it the reader never misses updates in the
+/// daemon's ring, and the screen reports an unconfirmed stop in time.
 const SLOWEST: Duration = Duration::from_millis(400);
-/// The shortest time between two pictures while keys are pressed.
+/// The shortest time between two pictures while the user presses keys.
 const KEYS: Duration = Duration::from_millis(30);
 
 fn top_rate(text: &str) -> Result<Duration, String> {
@@ -89,7 +89,7 @@ pub fn run(context: &mut Context, options: &Top) -> Result<Verdict, Failure> {
     };
     let ended = screen.show(options.rate, &signals);
     let Screen { hand, tty, .. } = screen;
-    // First the motor, then the terminal.
+    // Release the motor first, then the terminal.
     let faults = hand.end();
     drop(tty);
     for fault in faults {
@@ -181,7 +181,7 @@ impl Screen {
         self.carry_out_orders(effects);
     }
 
-    /// Carries out the state's effects that are the hand's.
+    /// Carries out the state's effects that concern the hand.
     fn carry_out_orders(&self, effects: Vec<Effect>) {
         for effect in effects {
             if let Effect::Hand(order) = effect {

@@ -29,7 +29,7 @@ pub enum Effect {
     Hand(Order),
     /// A control character, to the board.
     Character(u8),
-    /// These are watched from now on.
+    /// Watch these names from now on.
     Watch(Vec<String>),
     Suspend,
     Quit,
@@ -43,7 +43,7 @@ pub struct Message {
     pub alarm: bool,
 }
 
-/// Something of which the end has not been heard.
+/// A stop or control character whose outcome is still unknown.
 #[derive(Debug, Clone, Copy)]
 enum Waiting {
     Stop { motor: u8, since: Instant },
@@ -55,14 +55,14 @@ pub struct ScreenState {
     pub page: Page,
     /// The number of the selected motor.
     pub selected: usize,
-    /// The first row of the coordinate systems that is shown.
+    /// The first shown row of the coordinate systems.
     pub scrolled: usize,
-    /// The first line that is shown of a page of text.
+    /// The first shown line of a page of text.
     pub turned: usize,
     pub arming: Arming,
     /// The motor that jogs.
     pub jogs: Option<u8>,
-    /// The line that is typed.
+    /// The line that the user types.
     pub typed: Option<String>,
     pub message: Option<Message>,
     /// The names of the watched registers and variables.
@@ -96,7 +96,7 @@ impl ScreenState {
         Vec::new()
     }
 
-    /// A key was pressed, at `now`.
+    /// The user has pressed a key, at `now`.
     pub fn key(&mut self, key: Key, live: bool, now: Instant) -> Vec<Effect> {
         if let Some(typed) = self.typed.take() {
             return self.edit(typed, key);
@@ -128,7 +128,7 @@ impl ScreenState {
         effects
     }
 
-    /// The hand has told something, at `now`.
+    /// The hand has reported an event, at `now`.
     pub fn told(&mut self, told: Told, now: Instant) -> Vec<Effect> {
         match told {
             Told::Armed(motor) => {
@@ -238,7 +238,7 @@ impl ScreenState {
         Effect::Character(character)
     }
 
-    /// A key of the line that is typed.
+    /// A key in the line that the user types.
     fn edit(&mut self, mut typed: String, key: Key) -> Vec<Effect> {
         match key {
             Key::Char('\n') => return self.enter(&typed),

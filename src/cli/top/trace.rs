@@ -1,5 +1,5 @@
-//! The following errors of the last seconds. Of all servo updates between two pictures the largest counts: no peak is missed.
-//! Besides, how fast the motors went between two pictures, for boards that report no velocity.
+//! The following errors of the last seconds. Of all servo updates between two pictures the largest error counts, so the
+//! trace misses no peak. Also the motors' speeds between two pictures, for boards that report no velocity.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use crate::client::View;
 use crate::decode::{ServoData, ServoMotor};
 
-/// How far back a trace goes.
+/// The length of a trace.
 pub const WINDOW: Duration = Duration::from_secs(20);
 /// The column heights of a small trace, from nothing to the largest.
 const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
@@ -24,7 +24,7 @@ pub struct Traces {
 /// Velocities from the first to the last update of each picture, in counts a second.
 #[derive(Debug, Default)]
 struct Speeds {
-    /// The last update that was seen: its time, and the actual positions in counts.
+    /// The last seen update: its time, and the actual positions in counts.
     last: Option<(u64, BTreeMap<usize, f64>)>,
     now: BTreeMap<usize, f64>,
 }
@@ -59,8 +59,7 @@ impl Traces {
         self.errors.get(&motor)
     }
 
-    /// The speed of `motor` from the picture before to this picture; `None` where its positions are not known in
-    /// counts.
+    /// The speed of `motor` from the previous picture to this one; `None` if its positions in counts are unknown.
     pub fn velocity(&self, motor: usize) -> Option<f64> {
         self.speeds.now.get(&motor).copied()
     }
@@ -111,7 +110,7 @@ impl Trace {
     }
 
     /// The window in `columns` characters, the latest last: the size of the largest error in each part, relative to the
-    /// largest error of all, or to a count where that is less.
+    /// largest error of all, or to one count if that error is smaller.
     pub fn small(&self, columns: usize, now: Instant) -> String {
         let part = WINDOW.as_secs_f64() / columns as f64;
         let most = self.peak().unwrap_or_default().max(1.0);

@@ -15,10 +15,10 @@ use ratatui::{Frame, Terminal};
 use rustix::termios::{OptionalActions, Termios, tcgetattr, tcsetattr};
 use signal_hook::consts::SIGTSTP;
 
-/// The other screen, cleared, without a cursor; arrow keys as CSI sequences. And back.
+/// Enters the other screen, cleared, without a cursor, with arrow keys as CSI sequences; and leaves it.
 const ENTER: &str = "\x1b[?1049h\x1b[2J\x1b[?25l\x1b[?1l";
 const LEAVE: &str = "\x1b[0m\x1b[?25h\x1b[?1049l";
-/// The rest of a key's sequence comes sooner behind its first byte.
+/// The rest of a key's sequence follows its first byte within this time.
 const SEQUENCE: Duration = Duration::from_millis(25);
 
 pub struct Tty {
@@ -60,7 +60,7 @@ impl Tty {
         stdout.flush()
     }
 
-    /// Gives the terminal back until this process is continued.
+    /// Gives the terminal back until this process is continued (`SIGCONT`).
     pub fn suspend(&mut self) -> io::Result<()> {
         leave(&self.before);
         signal_hook::low_level::emulate_default_handler(SIGTSTP)?;
@@ -70,7 +70,7 @@ impl Tty {
     /// Takes the terminal again, as after a stop by `SIGSTOP`.
     pub fn resume(&mut self) -> io::Result<()> {
         self.enter()?;
-        // Not `clear`, which asks the terminal where its cursor is, and takes the answer from among the keys.
+        // Not `clear`, which asks the terminal for its cursor and may take the user's keys for the answer.
         let size = self.terminal.size()?;
         self.terminal.resize(Rect::new(0, 0, size.width, size.height))
     }
@@ -100,7 +100,7 @@ impl Tty {
         }
     }
 
-    /// Waits for bytes. False when there can be no more.
+    /// Waits for bytes. False if no more can come.
     fn read_within(&mut self, time: Duration) -> bool {
         let stdin = io::stdin();
         let left = PollTimeout::try_from(time);
@@ -108,7 +108,7 @@ impl Tty {
         match poll(&mut watched, left.unwrap_or(PollTimeout::MAX)) {
             Ok(1..) => {
                 let mut chunk = [0; 64];
-                // Not through a buffer, which `poll` would not see.
+                // Not through a buffer, into which `poll` does not see.
                 match read(&stdin, &mut chunk) {
                     Ok(0) => false,
                     Ok(count) => {

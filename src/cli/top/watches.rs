@@ -28,7 +28,7 @@ pub struct Watches {
     registers: Option<Registers>,
 }
 
-/// A name as the user typed it, and with its value as the screen shows it.
+/// A name in the user's spelling, and with its value for the screen.
 type Found = (String, (String, String));
 
 struct Registers {
@@ -38,12 +38,12 @@ struct Registers {
 }
 
 impl Watches {
-    /// From now on these.
+    /// Watches these names from now on.
     pub fn set(&mut self, names: Vec<String>) {
         *self = Self { names, registers: None };
     }
 
-    /// Their values now.
+    /// The present values.
     pub fn look(&mut self, context: &Context) -> Watched {
         let is_variable = |name: &String| board_variable(name).is_some();
         let (variables, registers): (Vec<_>, Vec<_>) = self.names.iter().cloned().partition(is_variable);

@@ -146,7 +146,7 @@ fn tune(context: &mut Context, wanted: &WantedMove) -> Result<Verdict, Failure> 
     let WantedMove { what, common, .. } = wanted;
     let number = motor(&common.motor, || Ok(context.board()?.identity()?))?;
     let not_sent = |failure: Failure| failure.at("not sent");
-    // The board rounds the end of a jog to that.
+    // The board rounds the end of a jog to this.
     let size = (wanted.size * 32.0).round() / 32.0;
     let mut connection = context.connection()?;
     check_numbers(Context::family(None, &mut connection)?, true, &[number])?;
@@ -233,10 +233,10 @@ fn tune(context: &mut Context, wanted: &WantedMove) -> Result<Verdict, Failure> 
 struct Tuning<'a> {
     wanted: &'a WantedMove<'a>,
     number: u8,
-    /// Where the motor stands, and how far the move goes, in counts.
+    /// The motor's position, and the length of the move, in counts.
     start: f64,
     size: f64,
-    /// The motor's variables, to be put back.
+    /// The motor's variables, to be restored.
     settings: Settings,
     plan: Plan,
 }
@@ -307,7 +307,7 @@ impl Tuning<'_> {
     }
 }
 
-/// Says that motor `number` was not brought back to `start`.
+/// Reports that motor `number` was not brought back to `start`.
 fn is_away(number: u8, start: f64, away: f64) -> String {
     let (away, start) = (fixed(away, 1), short(start));
     format!(
@@ -350,7 +350,7 @@ fn back(
     motors_end(connection, &mut watch, &[number], Goal::At(start), STANDS_WITHIN)
 }
 
-/// The figures, a line each.
+/// The figures, one on a line.
 fn said(response: &Response) -> [String; 4] {
     let ms = |time: Option<f64>| {
         time.map_or("not in the recording".to_owned(), |time| format!("{} ms", fixed(time * 1e3, 1)))

@@ -33,7 +33,7 @@ const LARGEST_IX11: f64 = 8_388_607.0;
 pub struct Settings([String; ASKED.len()]);
 
 impl Settings {
-    /// The board's reply; `None` if that is not a number for each.
+    /// The board's reply; `None` unless it is a number for each question.
     pub fn of(reply: Vec<String>) -> Option<Self> {
         let settings = Self(reply.try_into().ok()?);
         ASKED.iter().all(|number| settings.value(*number).is_some()).then_some(settings)
@@ -56,7 +56,7 @@ impl Settings {
         self.value(number).filter(|value| *value > 0.0)
     }
 
-    /// Which variables of motor `motor` are others in `now`.
+    /// Which variables of motor `motor` differ in `now`.
     pub fn changes(&self, now: &Self, motor: u8) -> String {
         let is_other = |number: &&usize| self.text(**number) != now.text(**number);
         let changed = ASKED.iter().filter(is_other).map(|number| {

@@ -16,7 +16,7 @@ use crate::map::Layout;
 const COMMANDED: &str = "commanded_position";
 /// The sleep when no samples have come.
 const TAKE_SAMPLES_EVERY: Duration = Duration::from_millis(5);
-/// How often to tell the daemon that somebody still follows.
+/// How often to tell the daemon that the owner still follows.
 const RENEWAL: Duration = Duration::from_millis(500);
 /// How long the board may be silent, and how long a motor may take to begin.
 const NO_SAMPLE_FOR: Duration = Duration::from_secs(5);
@@ -58,7 +58,7 @@ impl Recorder {
     /// A recorder of motor `number`. Sends no line yet.
     ///
     /// # Errors
-    /// [`Failure`] says what cannot be recorded.
+    /// [`Failure`] says what the recorder cannot record.
     pub fn new(context: &Context, number: u8) -> Result<Self, Failure> {
         let named = |layout: &Layout| sources(number, layout);
         let prepared = Prepared::new(context, named, 1, GatherMode::Wrap, None)?;
@@ -79,7 +79,7 @@ impl Recorder {
     }
 
     /// Has `jog` move the motor once the board gathers, and records until so many seconds after the begin of the
-    /// motion. Meanwhile keeps the sequence `lines` alive.
+    /// motion. Keeps the sequence `lines` alive meanwhile.
     ///
     /// # Errors
     /// The failure of `jog`, or [`Failure`] if the board does not gather. The record tells later failures.

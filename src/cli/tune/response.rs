@@ -4,15 +4,15 @@ use serde::Serialize;
 
 /// The part of a move that a motor may be away from its end and still count as settled.
 pub const BAND: f64 = 0.02;
-/// Between which parts of a move its rise is timed.
+/// The parts of a move between which its rise is timed.
 const RISE: [f64; 2] = [0.1, 0.9];
 
-/// From when the settling time counts.
+/// The start of the settling time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Settles {
     /// From the begin of the move: the move is short beside the response.
     AfterBegin,
-    /// From its end: before, the motor is not to be there yet.
+    /// From the move's end: the motor need not be there before.
     AfterEnd,
 }
 
@@ -30,7 +30,7 @@ pub struct Response {
     /// When the move begins, in seconds.
     #[serde(skip)]
     pub begin: f64,
-    /// How far the commanded position goes, in counts.
+    /// The length of the commanded move, in counts.
     pub size: f64,
     /// From 10 % to 90 % of the move.
     pub rise_time_s: Option<f64>,

@@ -32,11 +32,11 @@ pub use systems::{see_programs_begin, wait_for_programs};
 const SAMPLE_WITHIN: Duration = Duration::from_millis(20);
 /// The longest pause between reports. A board that stalls, or a `GATHER`, holds reports up for a quarter of a second.
 const NO_REPORT_FOR: Duration = Duration::from_secs(2);
-/// The time that the board has to begin the requested motion. The board answers first and begins afterwards, at a
-/// real-time interrupt.
+/// How long the board may take to begin the requested motion: it answers first and begins afterwards, at a real-time
+/// interrupt.
 const BEGINS: Duration = Duration::from_millis(500);
-/// The time that a motor stands before the wait says that it stopped in the wrong place. A motor that turns round
-/// stands for an instant.
+/// How long a motor must stand before the wait says that it stopped in the wrong place. A motor that turns round stands
+/// for an instant.
 const STOOD_FOR: Duration = Duration::from_millis(200);
 /// Samples per look.
 const SAMPLES: usize = 4096;
@@ -86,7 +86,7 @@ pub struct Watch {
     interrupt: Interrupt,
     /// The daemon's segment: a new generation means that a daemon has started since.
     generation: u64,
-    /// How many resets of the board that daemon has found.
+    /// How many resets of the board the daemon had found.
     resets: u64,
     /// The number of the next servo sample to look at.
     next: u64,
@@ -148,7 +148,7 @@ impl Watch {
         Ok(self.board.snapshot()?)
     }
 
-    /// Waits until `judge` is done with all that is `awaited`, or a stop over another connection ends it. Returns the
+    /// Waits until `judge` has decided on all `awaited` motions, or a stop over another connection ends it. Returns the
     /// motions that failed.
     ///
     /// # Errors
@@ -181,7 +181,7 @@ impl Watch {
                 return ended("pmacd was restarted".to_owned());
             }
             if self.board.subscriber().counter(Counter::Resets) != self.resets {
-                // A stop would close the loop of a motor that is off now.
+                // A stop would close the loop of a motor whose loop is open by now.
                 let list: Vec<String> = numbers.iter().map(ToString::to_string).collect();
                 return Err(Failure::Refused(format!(
                     "the board was reset; {name} {} has forgotten this command, and whether anything moves is not known: see \

@@ -31,7 +31,7 @@ const MOTOR_FAULTS: [(&str, &str); 6] = [
 /// How far from its target the commanded position of a motor that has arrived may be, in counts. A target is rounded to 1/32
 /// of a count.
 const TARGET_WITHIN: f64 = 0.5;
-/// How long a motor has stood when the board will not tell its scale any more.
+/// How long a motor must have stood if the board does not tell its scale any more.
 const TOLD: Duration = Duration::from_secs(10);
 
 /// The goal of a wait.
@@ -96,8 +96,8 @@ impl Watch {
     }
 
     /// The counts from `start`, where motor `number` stood before its move to `target`, to its present place. `None`
-    /// where the motor moves or its loop is open, or where its positions may count from another zero since: after a
-    /// home search or a reset.
+    /// while the motor moves or its loop is open, and after a home search or a reset, since its positions may count
+    /// from another zero.
     pub fn away_from(&mut self, number: u8, start: f64, target: f64) -> Option<f64> {
         self.follow().ok()?;
         let subscriber = self.board.subscriber();
@@ -116,8 +116,8 @@ impl Watch {
 /// `connection`.
 ///
 /// # Errors
-/// [`Failure::Refused`] where a motor stands elsewhere, has a fault or was stopped by another client, or where the wait
-/// ends before the motion: by ^C, by the time limit, or because no report comes.
+/// [`Failure::Refused`] if a motor stands elsewhere, has a fault or was stopped by another client, or if the wait ends
+/// before the motion: by ^C, by the time limit, or because no report comes.
 pub fn wait_for_motors(
     context: &mut Context,
     connection: &mut Connection,
@@ -146,7 +146,7 @@ pub fn wait_for_motors(
 /// Waits until every motor in `numbers` has come to the goal of the request over `connection`. Returns the failures.
 ///
 /// # Errors
-/// [`Failure::Refused`] where the wait ends before the motion.
+/// [`Failure::Refused`] if the wait ends before the motion.
 pub fn motors_end(
     connection: &mut Connection,
     watch: &mut Watch,
@@ -217,7 +217,7 @@ fn judge(motor: &Motor<'_>, goal: Goal, look: &Observed<'_>, stood: Duration) ->
     let number = motor.servo.motor;
     let seen = look.seen.get(number - 1).copied().unwrap_or_default();
     if seen.homed && matches!(goal, Goal::At(_)) {
-        // Its positions count from another home than when the jog was asked for.
+        // The motor's positions count from another home than at the request for the jog.
         return Progress::Failed(format!(
             "motor {number} searched for home meanwhile, so its position may count from another place: it stands at {}",
             position(motor)

@@ -1,4 +1,4 @@
-//! Stops by other clients that end the awaited motion. The daemon reports them; the board's reports name no client.
+//! Other clients' stops that end the awaited motion. The daemon reports them; the board's reports name no client.
 
 use std::time::{Duration, Instant};
 
@@ -8,16 +8,16 @@ use crate::protocol::board::SentStop;
 /// The wait asks the daemon this often.
 const ASK_STOPS_EVERY: Duration = Duration::from_millis(100);
 
-/// The stops that come from other connections than the asking connection.
+/// The stops from other connections than this one.
 pub struct Stops {
-    /// The last stop before the request; `None` when the daemon does not tell stops (any more).
+    /// The last stop before the request; `None` if the daemon does not report stops (any more).
     last: Option<u64>,
     due: Instant,
     since: Vec<SentStop>,
 }
 
 impl Stops {
-    /// Begins before the request, which goes over this connection.
+    /// Begins before the request, which uses the same connection.
     pub fn begin(connection: &mut Connection) -> Self {
         let told = connection.info().ok();
         let last = told.map(|info| info.stops.last().map_or(0, |stop| stop.number));

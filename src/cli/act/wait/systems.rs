@@ -1,10 +1,10 @@
 //! The wait for programs: whether a coordinate system's program has ended, and its motors stand.
 //!
-//! The running bit is 0 as soon as the last move has been calculated, "even if the motors are still executing the last move"
-//! (Software Reference, `??`), so the motors of the coordinate system have to stand as well.
+//! The board clears the running bit as soon as it has calculated the last move, "even if the motors are still executing
+//! the last move" (Software Reference, `??`), so the motors of the coordinate system have to stand as well.
 //!
-//! No report distinguishes a program that a client ends by `Q` or at the end of a block from a program that has come to
-//! its end. The daemon tells the lines of its clients; lines of another host stay unknown.
+//! No report tells a program that a client has ended by `Q` or at the end of a block from a program that has come to
+//! its end. The daemon reports its clients' lines; lines of another host stay unknown.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -54,14 +54,14 @@ impl Watch {
 /// The name of the awaited motion.
 const PROGRAM: &str = "the program of coordinate system";
 
-/// How long the reports have to show that a program has begun.
+/// How long the reports may take to show that a program has begun.
 const SEEN_TO_BEGIN: Duration = Duration::from_secs(3);
 
 /// Waits until the reports show that the programs of the coordinate systems `numbers` run, or have moved their motors.
 /// The start went over `connection`.
 ///
 /// # Errors
-/// [`Failure::Refused`] where a program does not.
+/// [`Failure::Refused`] if a program does not.
 pub fn see_programs_begin(
     connection: &mut Connection,
     watch: &mut Watch,
@@ -85,8 +85,8 @@ pub fn see_programs_begin(
 /// `connection`.
 ///
 /// # Errors
-/// [`Failure::Refused`] where a program did not come to its end, or another client ended it, or where the wait ends
-/// first: by ^C, by the time limit, or because no report comes.
+/// [`Failure::Refused`] if a program did not come to its end, if another client ended it, or if the wait ends first: by
+/// ^C, by the time limit, or because no report comes.
 pub fn wait_for_programs(
     context: &mut Context,
     connection: &mut Connection,
@@ -124,7 +124,7 @@ pub fn wait_for_programs(
     Verdict::without(&failed)
 }
 
-/// The outcome of a program that does not run; `ran`: the reports showed that it ran.
+/// The outcome of a program that does not run; `ran`: the reports showed it running.
 fn judge(system: &CoordinateSystem, snapshot: &Snapshot, look: &Observed<'_>, ran: bool) -> Progress {
     let number = system.coordinate_system;
     let motors = motors(snapshot);

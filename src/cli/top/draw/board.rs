@@ -77,7 +77,7 @@ impl Picture<'_> {
         let Ok(snapshot) = self.snapshot else { return Vec::new() };
         let found = motors::shown(snapshot);
         let mut table = motors::table(&found);
-        // A board that reports no velocity: compute it from the positions.
+        // The board reports no velocity: compute it from the positions.
         if found.first().is_some_and(|motor| !motor.is_reported("actual_velocity")) {
             let velocity = |motor: usize| {
                 self.traces.velocity(motor).map_or_else(|| NOT_READ.to_owned(), |counts| fixed(counts, 1))
@@ -121,7 +121,7 @@ impl Picture<'_> {
         rows
     }
 
-    /// The site's own words and the watched values, as many a line as fit, and why some are not known.
+    /// The site's own words and the watched values, as many a line as fit, and why some are unknown.
     fn watches(&self, width: usize) -> Vec<(String, Style)> {
         let words = self.snapshot.ok().and_then(|snapshot| snapshot.user.as_ref());
         let is_live = words.is_some_and(View::is_fresh);
@@ -199,7 +199,7 @@ impl Picture<'_> {
     }
 }
 
-/// The first row to show, so that the selected row is the last that fits into `room` lines; or the first of all.
+/// The first row to show, so that the selected row is the last in `room` lines; the first row of all if they all fit.
 fn first_row(rows: &[Vec<String>], selected: usize, room: usize) -> usize {
     let mut left = room.saturating_sub(rows.get(selected).map_or(0, Vec::len));
     let mut from = selected.min(rows.len());

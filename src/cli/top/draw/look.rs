@@ -1,4 +1,4 @@
-//! How things look: never by colour alone, and without any where `NO_COLOR` says so (no-color.org).
+//! The looks of text: never by colour alone, and without colours if `NO_COLOR` is set (no-color.org).
 
 use ratatui::style::{Color, Modifier, Style};
 
@@ -12,7 +12,7 @@ impl Look {
         Self { colours }
     }
 
-    /// The look that the environment asks for.
+    /// The look that the environment requests.
     pub fn of_environment() -> Self {
         Self::new(std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()))
     }

@@ -26,10 +26,10 @@ use crate::protocol::board::REPLAY_OVER;
 
 pub use look::Look;
 
-/// A daemon that answers does so sooner.
+/// A daemon that answers at all answers within this time.
 const DAEMON_SILENT_FOR: Duration = Duration::from_secs(3);
 
-/// Everything that is drawn.
+/// All data of the picture.
 pub struct Picture<'a> {
     pub name: &'a str,
     /// The segment's data, or the reason for their absence.
@@ -69,13 +69,13 @@ impl Picture<'_> {
         }
     }
 
-    /// The reason that data are `stale`; for a replay, its end.
+    /// Why data are `stale`; for a replay, its end.
     fn why(&self, stale: Staleness) -> String {
         let is_over = self.answer.is_some_and(|answer| answer.status["socket"]["replay"]["over"] == true);
         if is_over { REPLAY_OVER.to_owned() } else { stale.to_string() }
     }
 
-    /// The daemon's word on the rest of the data, if they are not live.
+    /// The daemon's reason for the other data, if they are not live.
     fn daemon_fault(&self) -> Option<String> {
         let answer = self.answer?;
         let silent = self.now.saturating_duration_since(answer.at);
@@ -100,7 +100,7 @@ impl Picture<'_> {
         frame.buffer_mut().set_style(area, self.look.title());
     }
 
-    /// Which motor jogs or may be jogged.
+    /// The motor that jogs or may jog.
     fn armed(&self) -> String {
         match (self.state.jogs, self.state.arming.motor()) {
             (Some(motor), _) => format!(" #{motor} JOGS "),
@@ -134,7 +134,7 @@ impl Picture<'_> {
         }
     }
 
-    /// A page of text, from the line on to which the user has turned.
+    /// A page of text, from the line to which the user has scrolled.
     fn page(&self, frame: &mut Frame<'_>, area: Rect, lines: &[(String, String)]) {
         let begin = lines.iter().map(|(about, _)| about.chars().count()).max().unwrap_or_default() + 1;
         let lines = lines.iter().map(|(about, text)| {
@@ -176,10 +176,10 @@ fn rows(count: usize) -> u16 {
     u16::try_from(count).unwrap_or(u16::MAX)
 }
 
-/// A line of text in a row of an area, cut where that ends.
+/// A line of text in a row of an area, cut at the area's end.
 fn put(frame: &mut Frame<'_>, area: Rect, row: u16, text: &str, style: Style) {
     if row < area.height {
-        // The board's words may be in it.
+        // The text may contain the board's words.
         let text = Visible(text).to_string();
         frame.buffer_mut().set_stringn(area.x, area.y + row, text, usize::from(area.width), style);
     }

@@ -1,4 +1,4 @@
-//! How the rows of the screen are shared out.
+//! Shares the rows of the screen among its parts.
 
 /// Rows of each part; 0 for a part that the screen leaves out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -14,7 +14,7 @@ pub struct Rooms {
 const LEAST: u16 = 4;
 /// Fewer rows have no room for everything.
 const FEW: u16 = 12;
-/// More rows make a trace no clearer.
+/// More rows would make a trace no clearer.
 const TRACE: u16 = 14;
 
 impl Rooms {
