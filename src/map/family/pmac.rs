@@ -174,8 +174,7 @@ pub const ASCII_COMMAND: HostOffset = at(0x0630);
 pub const ASCII_COMMAND_BYTES: usize = 160;
 /// Characters of the longest line PMAC takes, sent in two parts.
 pub const ASCII_LINE_LIMIT: usize = 200;
-/// PMAC's mark in the response buffer: 0 for none, else a value of [`crate::map::functions::response`]. The host writes
-/// 0.
+/// PMAC's mark in the response buffer: 0, or a value of [`crate::map::functions::response`]. The host writes 0.
 pub const ASCII_INPUT_CONTROL: HostOffset = at(0x06D0);
 /// Characters in the response buffer, the NUL included.
 pub const ASCII_INPUT_COUNT: HostOffset = at(0x06D2);
