@@ -7,8 +7,9 @@
 //! - The grid is when the board makes its updates. It comes from the earliest finds (`window`).
 //! - The aim is when to poll. An update found at the first poll moves it a little earlier, an empty poll moves it
 //!   further back. So one first poll in six is empty until the aim is found, then one in fourteen, however late this
-//!   machine wakes up; a poll that is milliseconds late counts no more than any other. An empty poll costs a wake-up. An
-//!   update that the board makes late, as a simulated board may, does not move the aim, and costs several empty polls.
+//!   machine wakes up; a poll that is milliseconds late counts no more than any other. An empty poll costs a wake-up.
+//!   An update that the board makes late, as a simulated board may, does not move the aim, and costs several empty
+//!   polls.
 
 mod window;
 
