@@ -92,7 +92,7 @@ enum WatchedName {
 pub struct Copied {
     name: VariableName,
     column: Column,
-    /// How many of the longs in the table before it belong to another word.
+    /// How many longs at the start of its entry belong to another word.
     longs_before: usize,
 }
 

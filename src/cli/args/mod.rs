@@ -143,7 +143,7 @@ pub enum Rare {
     Absolute(Absolute),
 }
 
-/// The definition. It hides what is spelled as of old.
+/// The definition of the command line, without the old spellings in its help.
 pub fn command() -> clap::Command {
     let hidden = |command: clap::Command, old: &clap::Command| {
         command.mut_subcommand(old.get_name(), |old| old.hide(true))
@@ -162,7 +162,7 @@ pub fn parse(line: impl IntoIterator<Item = OsString>) -> Result<Args, clap::Err
     Args::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
 }
 
-/// What names a wrong verb, and the right one, where `error` is about a verb that is known to be meant for another.
+/// Text that names the wrong verb in `error` and the right one, if users are known to confuse the two.
 pub fn right_verb(error: &clap::Error) -> Option<String> {
     let Some(ContextValue::String(typed)) = error.get(ContextKind::InvalidSubcommand) else { return None };
     let right = match typed.as_str() {
