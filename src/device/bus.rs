@@ -86,10 +86,10 @@ pub trait Bus: Send {
         Ok(words.len())
     }
 
-    /// Orders earlier reads before all later accesses.
+    /// Reads before this call happen before any access after it.
     fn order_reads(&mut self);
 
-    /// Orders earlier writes before later writes.
+    /// Writes before this call reach the board before writes after it.
     fn order_writes(&mut self);
 }
 

@@ -155,7 +155,7 @@ impl Mapping {
         })
     }
 
-    /// Orders earlier reads before later ones.
+    /// Reads before this call happen before reads after it.
     #[inline]
     pub fn order_reads(&self) {
         // On x86 uncached reads stay in order and the fence binds only the compiler; elsewhere it is a load barrier.
@@ -167,7 +167,7 @@ impl Mapping {
         }
     }
 
-    /// Orders earlier writes before later ones.
+    /// Writes before this call reach the memory before writes after it.
     #[inline]
     pub fn order_writes(&self) {
         fence(Ordering::Release);
