@@ -5,20 +5,20 @@
 //! blocks a reader, reads are bounded, and a reader that keeps up misses nothing; a slower reader knows exactly how
 //! many samples it lost.
 //!
-//! | file | what it holds |
+//! | file | content |
 //! |---|---|
 //! | [`layout`] | **the ABI, field by field** (`docs/segment.md`): enough to write a reader in C or Python |
-//! | [`payload`] | what a sample of each region carries |
-//! | [`name`] | what a segment may be called, and the lock on its name |
+//! | [`payload`] | the content of a sample of each region |
+//! | [`name`] | the allowed names of segments, and the lock on a name |
 //! | [`ring`] | the slot-ring protocol, over any memory (shared, or a model checker's) |
 //! | `memory` | mapping, words, futex |
 //! | `wide_copy` | the vector copy of a slot, and the argument for it; with `memory` the only unsafe code |
 //! | [`freshness`] | the one rule for which data are live |
 //! | [`publish`], [`subscribe`] | writer and reader |
 //! | `placement`, `header` | places everything in a new segment; checks the header of an existing one |
-//! | `info`, `counter` | what the header says about the segment and its regions; the daemon's counters |
+//! | `info`, `counter` | the header's facts about the segment and its regions; the daemon's counters |
 //! | `region_reader`, `cursor`, `sample` | reading a region; following its samples; one sample's copy |
-//! | `lock` | who owns a name |
+//! | `lock` | the owner of a name |
 //! | `keeper`, `object`, `newborn` | keeps the names leading to their files; a segment's file, before and after it gets its name |
 
 use std::io;
