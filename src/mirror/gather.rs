@@ -73,7 +73,7 @@ pub enum NotFollowed {
     /// The words that the daemon read are inconclusive.
     #[error("the daemon was held up; try again")]
     HeldUp,
-    /// The board's words are not those of this buffer.
+    /// The board's words describe another buffer.
     #[error(
         "DEFINE GATHER {size} should have left {size} at {0} and 0 at {1}, where {found} and {index} stand; has somebody else defined a buffer, or is I{mode} neither 2 nor 3? \
          If not, the board keeps these words elsewhere: see docs/evidence.md",
