@@ -206,7 +206,7 @@ const fn turbo_family(
 }
 
 const fn turbo_of(length: u32) -> Family {
-    // No known text describes the interrupt controllers; these are those of the same boards with the older processor.
+    // No known text describes the interrupt controllers; these belong to the same boards with the older processor.
     turbo_family("turbo", "Turbo PMAC", 3, 3_713_707, Controller::Pic8259, length)
 }
 
