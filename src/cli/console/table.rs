@@ -52,7 +52,7 @@ impl Table {
         self.fitting_rows(width, spare).into_iter().flatten().map(|line| line + "\n").collect()
     }
 
-    /// As [`Self::fitting`]: the lines of the heading, then those of each row.
+    /// As [`Self::fitting`]: the lines of the heading, then the lines of each row.
     pub fn fitting_rows(mut self, width: usize, spare: &[&str]) -> Vec<Vec<String>> {
         for name in spare {
             if self.to_string().lines().all(|line| line.chars().count() <= width) {

@@ -63,7 +63,7 @@ impl Own {
 
 impl Drop for Own {
     fn drop(&mut self) {
-        // If the removal fails, the name tells what the directory is.
+        // If the removal fails, the directory's name tells its purpose.
         let _ = fs::remove_dir_all(&self.0);
     }
 }

@@ -124,7 +124,7 @@ fn items(wanted: &[What], programs: (u16, u16), family: &str) -> Vec<Item> {
         items.extend((0..count).map(Item::P));
     }
     if is_wanted(What::Q) {
-        // The Q-variables of the coordinate systems overlap. Those of &1 reach every register.
+        // The Q-variables of the coordinate systems overlap. The Q-variables of &1 reach every register.
         items.extend((0..count).map(|number| Item::Q { system: 1, number }));
     }
     if is_wanted(What::M) {

@@ -170,7 +170,7 @@ impl Files {
         place(&self.path, self.number)
     }
 
-    /// The counts of the rows in the files and of those that found no room.
+    /// The counts of the rows in the files and of the rows that found no room.
     pub fn tally(&self) -> Tally {
         let Tally { updates, missed, lost } = self.written;
         let Tally { missed: more_missed, lost: more_lost, .. } = self.unwritten;
@@ -209,7 +209,8 @@ impl Files {
         let Tally { missed, lost, .. } = std::mem::take(&mut self.unwritten);
         if missed + lost > 0 {
             let gap = Gap { missed, lost, pause: None };
-            // With the number and times of the row after the gap: the log no longer has those of the row before.
+            // With the number and times of the row after the gap: the log no longer has the number and times of the row
+            // before.
             self.gap_row[..GAP.start].copy_from_slice(&row[..GAP.start]);
             self.gap_row[GAP].copy_from_slice(&[missed as f64, lost as f64]);
             let row = std::mem::take(&mut self.gap_row);

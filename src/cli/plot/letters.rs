@@ -1,5 +1,4 @@
-//! The widths of letters in pictures: those of DejaVu Sans, the first font that a picture asks for. Other fonts are
-//! hardly wider.
+//! The widths of the letters of DejaVu Sans, the first font that a picture asks for. Other fonts are hardly wider.
 
 /// The widths of the letters from the space to `~`, in thousandths of the letters' height.
 #[rustfmt::skip]
