@@ -116,7 +116,8 @@ impl Recorder {
 
 fn pass_on(client: UnixStream, daemon: &Path, recorded: &Arc<Mutex<Vec<String>>>) {
     let daemon = UnixStream::connect(daemon).expect("the daemon");
-    let (mut replies, mut to_client) = (daemon.try_clone().expect("a copy"), client.try_clone().expect("a copy"));
+    let (mut replies, mut to_client) =
+        (daemon.try_clone().expect("a copy"), client.try_clone().expect("a copy"));
     thread::spawn(move || std::io::copy(&mut replies, &mut to_client));
     let recorded = Arc::clone(recorded);
     thread::spawn(move || {
@@ -125,7 +126,8 @@ fn pass_on(client: UnixStream, daemon: &Path, recorded: &Arc<Mutex<Vec<String>>>
             if daemon.write_all(&call).is_err() {
                 return;
             }
-            let message: Value = serde_json::from_slice(call.strip_suffix(&[0]).unwrap_or(&call)).unwrap_or_default();
+            let message: Value =
+                serde_json::from_slice(call.strip_suffix(&[0]).unwrap_or(&call)).unwrap_or_default();
             let parameters = &message["parameters"];
             let lines = parameters["lines"].as_array().into_iter().flatten().chain([&parameters["line"]]);
             let lines = lines.filter_map(|line| line.as_str().map(str::to_owned));

@@ -61,7 +61,7 @@ def test_errors_carry_the_boards_number(site):
     board = site.connect()
     assert board.command("P1=25") == []
     with pytest.raises(pmac_dpram.PmacError, match="ERR003") as error:
-        board.command("P1 NONSENSE")
+        board.command("P1 #99")
     assert (error.value.code, error.value.lines) == (3, ("25",))
     with pytest.raises(pmac_dpram.PmacError, match="no control character") as error:
         board.control("nonsense")
@@ -84,7 +84,7 @@ def test_lines_enter_ones_own_program_buffer_and_no_other(site):
         with pytest.raises(pmac_dpram.PmacError, match="not sent.*PROG 7 open"):
             other.command(line)
     assert other.command("#1J/") == [] and len(other.command("#1P")) == 1
-    assert board.command("CLOSE") == [] and board.command("LIST PROG 7") == ["X1", "P1=2"]
+    assert board.command("CLOSE") == [] and board.command("LIST PROG 7") == ["X1", "P1=2", "RET"]
     assert board.command("P1=1") == []
 
     board.command("OPEN PROG 8 CLEAR")
@@ -104,7 +104,7 @@ def test_lines_enter_ones_own_program_buffer_and_no_other(site):
         with pytest.raises(pmac_dpram.PmacError, match="not sent.*PROG 10 open"):
             board.command(line)
     site.pmacctl("send", "CLOSE")
-    assert other.command("LIST PROG 10") == ["X3"]
+    assert other.command("LIST PROG 10") == ["X3", "RET"]
 
 
 def test_a_name_and_a_socket_must_be_of_one_board(site, new_site):
@@ -390,7 +390,7 @@ def test_without_a_panel_a_jog_is_held_by_command_line(new_site, settings):
         site.until(lambda: has_passed(board, 1, 50), "the motor to move beside the buffer")
     site.until(lambda: stands(board, 1), "the motor to stand again")
     board.command("CLOSE")
-    assert board.command("LIST PROG 1") == ["X1"], "neither jog nor stop has become a line of the program"
+    assert board.command("LIST PROG 1") == ["X1", "RET"], "neither jog nor stop has become a line of the program"
 
 
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGSTOP])

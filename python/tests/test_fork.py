@@ -50,7 +50,7 @@ def test_a_forked_child_and_its_parent_each_get_their_own_replies(site):
     ours, theirs = FORK.Pipe(duplex=False)
 
     def ask():
-        theirs.send((replies(board, "P101"), replies(board, "P101 NONSENSE")))
+        theirs.send((replies(board, "P101"), replies(board, "P101 #99")))
 
     child = FORK.Process(target=ask)
     child.start()

@@ -13,7 +13,7 @@ from conftest import PREFIX, Ioc, addresses, with_aioca
 def test_a_put_with_completion_has_its_reply(ioc):
     ioc.put("CMD", "P1=25 P1 P2=7 P2")
     assert (ioc.value("REPLY"), ioc.value("MSG")) == ("25\n7", "")
-    ioc.put("CMD", "P1 NONSENSE")
+    ioc.put("CMD", "P1 #99")
     assert ioc.value("REPLY") == "25"
     assert "ERR003" in ioc.value("MSG") and ioc.get("MSG").alarm.severity == 2
 
@@ -27,13 +27,13 @@ def test_no_line_enters_a_program_that_somebody_else_has_open(ioc):
         assert "not sent" in ioc.value("MSG") and "PROG 9 open" in ioc.value("MSG")
         assert ioc.get("MSG").alarm.severity == 2 and ioc.value("REPLY") == ""
     ioc.put("CMD", "CLOSE")
-    for line, reply in (("LIST PROG 9", "X2"), ("P1", "3"), ("OPEN PROG 9 CLEAR", ""), ("X1", "")):
+    for line, reply in (("LIST PROG 9", "X2\nRET"), ("P1", "3"), ("OPEN PROG 9 CLEAR", ""), ("X1", "")):
         ioc.put("CMD", line)
         assert (ioc.value("REPLY"), ioc.value("MSG")) == (reply, "")
     ioc.site.pmacctl("send", "CLOSE")
     ioc.put("CMD", "P1=7")
     assert "carried out at once" in ioc.value("MSG")
-    for line, reply in (("CLOSE", ""), ("P1", "3"), ("LIST PROG 9", "X1")):
+    for line, reply in (("CLOSE", ""), ("P1", "3"), ("LIST PROG 9", "X1\nRET")):
         ioc.put("CMD", line)
         assert (ioc.value("REPLY"), ioc.value("MSG")) == (reply, "")
 

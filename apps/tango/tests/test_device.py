@@ -79,7 +79,7 @@ def test_nothing_enters_a_program_that_somebody_else_has_open(site, device):
             assert reason == "PmacError" and "not sent" in text and "PROG 9 open" in text, command
         device.KillMotor([5])
         opener("CLOSE")
-        assert (device.OnlineCmd("LIST PROG 9"), device.GetPVariable(1)) == ("X1", 3)
+        assert (device.OnlineCmd("LIST PROG 9"), device.GetPVariable(1)) == ("X1\nRET", 3)
     for line in ("OPEN PROG 9 CLEAR", "X1"):
         device.OnlineCmd(line)
     site.pmacctl("send", "CLOSE")

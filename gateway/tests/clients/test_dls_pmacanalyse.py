@@ -1,5 +1,6 @@
 """dls-pmacanalyse: its backup of a whole board, downloaded to another board, makes that board the same to it."""
 
+import re
 import subprocess
 import sys
 
@@ -69,6 +70,11 @@ def download(site, file):
     assert ran.returncode == 0, ran.stderr
 
 
+def without_timers(path):
+    """The text without Isx11 and Isx12, which count down."""
+    return re.sub(r"(?m)^;?i[56]\d1[12]=.*\n", "", path.read_text())
+
+
 def test_a_board_is_backed_up_and_another_made_the_same(new_site, tmp_path):
     site = new_site(simulator=["--macro"])
     machine = tmp_path / "machine.pmc"
@@ -81,6 +87,6 @@ def test_a_board_is_backed_up_and_another_made_the_same(new_site, tmp_path):
 
     other = new_site(simulator=["--macro"])
     download(other, saved)
-    assert backup(other, tmp_path / "other").read_text() == saved.read_text()
+    assert without_timers(backup(other, tmp_path / "other")) == without_timers(saved)
     assert other.send("LIST PLC5") == site.send("LIST PLC5")
     assert other.send("&1 LIST INVERSE") == site.send("&1 LIST INVERSE")

@@ -58,7 +58,7 @@ def test_long_replies_come_whole(site, pmac, last):
 
 def test_errors_have_the_boards_numbers_and_end_nothing(pmac):
     assert pmac.sendCommand("nonsense") == ("\x07ERR003\r", True)
-    assert pmac.sendCommand("p1 nonsense") == ("0\r\x07ERR003\r", True)
+    assert pmac.sendCommand("p1 #99") == ("0\r\x07ERR003\r", True)
     # No motor is assigned to coordinate system 1, and there is no program 999.
     assert pmac.sendCommand("&1b999r")[0].strip("\x07\r") in pmac.PMAC_errors
     assert pmac.sendCommand("") == ("\x06", True)
