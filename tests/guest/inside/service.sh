@@ -44,14 +44,15 @@ expect 'links and files in /dev/shm are protected' 2 "$(cat /proc/sys/fs/protect
 
 # Who may what.
 as observer pmacctl motors >/dev/null && ok 'a member of the group sees live data' || fail 'a member of the group sees no live data'
-expect_in 'it may not send' 'not' "$(as observer pmacctl send P1 2>&1; echo "exit $?")"
-as observer pmacctl send P1 >/dev/null 2>&1 && fail 'a member of the group may send'
+as observer pmacctl send P1 >/dev/null && ok 'it may ask for a variable' || fail 'a member of the group may not ask for a variable'
+expect_in 'it may not send' 'not' "$(as observer pmacctl send P1=1 2>&1; echo "exit $?")"
+as observer pmacctl send P1=1 >/dev/null 2>&1 && fail 'a member of the group may send'
 as observer pmacctl send '^A' >/dev/null 2>&1 && fail 'a member of the group may abort'
 as presser pmacctl send '^A' && ok 'an operator may abort' || fail 'an operator may not abort'
-as presser pmacctl send P1 >/dev/null 2>&1 && fail 'an operator may send a line' || ok 'but not send a line'
-as engineer pmacctl send P1 >/dev/null && ok 'an engineer may' || fail 'an engineer may not send a line'
+as presser pmacctl send P1=1 >/dev/null 2>&1 && fail 'an operator may send a line' || ok 'but not send a line'
+as engineer pmacctl send P1=1 && ok 'an engineer may' || fail 'an engineer may not send a line'
 as other pmacctl motors >/dev/null 2>&1 && fail 'anybody sees live data' || ok "somebody else does not: $(as other pmacctl motors 2>&1 | head -n 1)"
-as other pmacctl send P1 >/dev/null 2>&1 && fail 'anybody may send' || ok 'nor send'
+as other pmacctl send P1 >/dev/null 2>&1 && fail 'anybody may ask' || ok 'nor asks'
 
 # No role opens the board itself, and the service works as before.
 nobody_opens /dev/uio0
