@@ -189,7 +189,7 @@ fn texts(text: &str) {
     }
     let layout = Layout::new(Family::by_name("pmac2").unwrap(), None);
     if let Ok(source) = Source::parse(text, &layout) {
-        assert!(source.register.longs() <= 2);
+        assert!(source.longs() <= 7);
     }
     if let Some(byte) = control::parse(text) {
         assert_eq!(control::parse(&control::name(byte)), Some(byte));

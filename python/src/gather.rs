@@ -102,7 +102,7 @@ pub fn gather(
         .iter()
         .map(|text| Source::parse(text, &known).map_err(|error| refuse(&error)))
         .collect::<PyResult<_>>()?;
-    let sample_longs = sources.iter().map(|source| source.register.longs()).sum();
+    let sample_longs = sources.iter().map(Source::longs).sum();
     let kept = BufferLayout::new(&layout, &settings.plan).map_err(|error| refuse(&error))?;
     let buffer_longs = kept.gather_size(sample_longs);
     let request = GatherRequest { sources, period, mode: GatherMode::Wrap, buffer_longs };

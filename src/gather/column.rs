@@ -12,9 +12,9 @@ use crate::table::{Field, FieldKind};
 pub struct Column {
     /// The source's name.
     pub name: String,
-    /// The register, `D:$002B`.
+    /// The register, `D:$002B`, or the registers with blanks between them.
     pub register: String,
-    /// How to read its longs.
+    /// How to read their longs.
     pub reading: Reading,
     /// Factor from the read number to `unit`.
     pub factor: f64,
@@ -43,7 +43,7 @@ impl Column {
         let (factor, unit) = scaled.unwrap_or((1.0, units));
         Self {
             name: source.name.clone(),
-            register: source.register.to_string(),
+            register: source.registers.iter().map(ToString::to_string).collect::<Vec<_>>().join(" "),
             reading: source.reading,
             factor,
             unit,
@@ -148,6 +148,22 @@ pub(super) mod tests {
         values.clear();
         decode(&columns, &sample[..3], &mut values);
         assert_eq!(values.iter().filter(|value| value.is_nan()).count(), 4);
+    }
+
+    #[test]
+    fn a_following_error_is_computed_unless_the_motor_follows_a_master() {
+        let columns = columns(&["1.following_error", "X:$33"], &scales());
+        let [commanded, actual, compensation] = [3072 * 7, 3072 * 4, 3072].map(fixed48::encode);
+        let positions = [commanded, actual, compensation].concat();
+        let values = |status: u32| {
+            let mut values = Vec::new();
+            decode(&columns, &[&positions[..], &[int24::extend(status), 5]].concat(), &mut values);
+            values
+        };
+        assert_eq!((values(0x81_2000), &*columns[0].title()), (vec![2.0, 5.0], "1.following_error [count]"));
+        let following = values(0x91_2000);
+        assert!(following[0].is_nan() && following[1] == 5.0);
+        assert_eq!(columns[0].register, "D:$0028 D:$002B D:$0046 X:$003D");
     }
 
     #[test]

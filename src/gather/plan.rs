@@ -23,7 +23,7 @@ pub enum GatherMode {
 /// A request to gather.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GatherRequest {
-    /// The sources, all different: 1 to 24 on PMAC and PMAC2.
+    /// The sources, all different, of 1 to 24 registers together on PMAC and PMAC2.
     pub sources: Vec<Source>,
     /// Servo cycles from one sample to the next (I19), 1 or more. The servo report comes as often.
     pub period: u32,
@@ -56,14 +56,14 @@ pub struct GatherPlan {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlanError {
-    /// Too few or too many sources.
-    #[error("{count} sources cannot be gathered at once; 1 to {most} can (I{first} to I{last})")]
+    /// Too few or too many registers.
+    #[error("{count} registers cannot be gathered at once; 1 to {most} can (I{first} to I{last})")]
     Sources {
         /// The requested number.
         count: usize,
         /// The largest possible number.
         most: usize,
-        /// The first source's I-variable.
+        /// The first register's I-variable.
         first: usize,
         /// The last source's.
         last: usize,
@@ -129,7 +129,8 @@ fn room_longs(layout: &Layout) -> u32 {
 /// [`PlanError`]; the caller has nothing to undo then.
 pub fn plan(request: &GatherRequest, layout: &Layout, scales: &Scales) -> Result<GatherPlan, PlanError> {
     let sources = &request.sources;
-    let count = sources.len();
+    let registers: Vec<PmacRegister> = sources.iter().flat_map(|source| source.registers.clone()).collect();
+    let count = registers.len();
     let i = &layout.family().i;
     let most = i.most_gather_sources();
     if !(1..=most).contains(&count) {
@@ -145,7 +146,7 @@ pub fn plan(request: &GatherRequest, layout: &Layout, scales: &Scales) -> Result
     if !(1..=MOST_PERIOD).contains(&period) {
         return Err(PlanError::Period { period, variable: i.gather_period });
     }
-    let sample_longs: u32 = sources.iter().map(|source| source.register.longs()).sum();
+    let sample_longs: u32 = sources.iter().map(Source::longs).sum();
     let room = room_longs(layout);
     let buffer_longs = match request.buffer_longs {
         Some(longs) => longs.div_ceil(sample_longs).saturating_mul(sample_longs),
@@ -158,7 +159,7 @@ pub fn plan(request: &GatherRequest, layout: &Layout, scales: &Scales) -> Result
         return Err(PlanError::Buffer { longs, sample_longs, room, start });
     }
     Ok(GatherPlan {
-        registers: sources.iter().map(|source| source.register).collect(),
+        registers,
         sample_longs,
         buffer_longs,
         mode: request.mode,

@@ -2,11 +2,12 @@
 //!
 //! The names are those of the register table: a gather can take a register that the servo or background report copies
 //! by the report's name. `3.actual_position` is motor 3's, `cs2.program_status` coordinate system 2's, `servo_timer`
-//! the board's servo counter. Any other register goes by its address: `Y:$C003`, `X:$0033`, `D:$002B`, `L:$1005`; a
+//! the board's servo counter. Besides, Turbo boards have a register for the commanded position, and on other boards the
+//! following error is computed from others. Any other register goes by its address: `Y:$C003`, `X:$0033`, `D:$002B`, `L:$1005`; a
 //! 24-bit word is signed unless `,u` follows.
 
 use super::reading::Reading;
-use crate::map::table::{Format, NumberKind};
+use crate::map::table::{self, Format, NumberKind, POSITION};
 use crate::map::{BadRegister, Entry, Family, Layout, PmacRegister, SourceAt};
 
 /// One source of a gather.
@@ -14,9 +15,9 @@ use crate::map::{BadRegister, Entry, Family, Layout, PmacRegister, SourceAt};
 pub struct Source {
     /// The source as typed; the column's name.
     pub name: String,
-    /// The register, with its code for I21 to I44.
-    pub register: PmacRegister,
-    /// How to read its longs.
+    /// The register, with its code for I21 to I44. A following error that the board does not compute takes several.
+    pub registers: Vec<PmacRegister>,
+    /// How to read their longs.
     pub reading: Reading,
     /// The unit of the integer or number in the register; empty if none is known.
     pub units: &'static str,
@@ -31,15 +32,6 @@ pub enum SourceError {
     /// An address that the board cannot gather.
     #[error(transparent)]
     Address(#[from] BadRegister),
-    /// A difference of two registers.
-    #[error(
-        "{text:?}: no register holds the following error; gather commanded_position and actual_position, which \
-         are of the same servo cycle, and subtract"
-    )]
-    FollowingError {
-        /// The text.
-        text: String,
-    },
     /// The prefix is no motor or coordinate system of the board.
     #[error(
         "{text:?}: there is no such motor or coordinate system; write 1.NAME to {motors}.NAME or cs1.NAME to cs{systems}.NAME"
@@ -109,15 +101,17 @@ impl Owner {
             Self::Motor => "1.",
             Self::System => "cs1.",
         };
-        let mut names: Vec<String> = Vec::new();
-        for (entry, _, _) in gatherable(layout, self, (self != Self::Board).then_some(1)) {
-            let name = format!("{before}{}", entry.register.name.trim_start_matches(self.prefix()));
+        let mut names: Vec<&str> = Vec::new();
+        for named in gatherable(layout, self, (self != Self::Board).then_some(1)) {
             // Reports of both kinds may copy the same register.
-            if !names.contains(&name) {
-                names.push(name);
+            if !names.contains(&named.name) {
+                names.push(named.name);
             }
         }
-        names.join(", ")
+        if self == Self::Motor && !names.contains(&FOLLOWING_ERROR) {
+            names.push(FOLLOWING_ERROR);
+        }
+        names.iter().map(|name| format!("{before}{name}")).collect::<Vec<_>>().join(", ")
     }
 }
 
@@ -139,16 +133,22 @@ impl Source {
         }
         let lower = text.to_ascii_lowercase();
         let (owner, number, name) = owner(&lower, layout)?;
-        let found = gatherable(layout, owner, number)
-            .find(|(entry, _, _)| entry.register.name.trim_start_matches(owner.prefix()) == name);
-        let Some((entry, register, reading)) = found else {
-            if name == "following_error" {
-                return Err(SourceError::FollowingError { text: text.to_owned() });
-            }
-            return Err(SourceError::Name { text: text.to_owned(), known: owner.known(layout) });
-        };
+        let find = |name: &str| gatherable(layout, owner, number).find(|named| named.name == name);
         let motor = if owner == Owner::Motor { number } else { None };
-        Ok(Self { name: lower, register, reading, units: entry.register.units, motor })
+        if let Some(Named { register, reading, units, .. }) = find(name) {
+            return Ok(Self { name: lower, registers: vec![register], reading, units, motor });
+        }
+        let parts: Option<Vec<_>> = FOLLOWING_ERROR_PARTS.iter().map(|name| find(name)).collect();
+        match parts {
+            Some(parts) if name == FOLLOWING_ERROR => Ok(Self {
+                name: lower,
+                registers: parts.iter().map(|part| part.register).collect(),
+                reading: Reading::FollowingError,
+                units: parts[0].units,
+                motor,
+            }),
+            _ => Err(SourceError::Name { text: text.to_owned(), known: owner.known(layout) }),
+        }
     }
 
     fn address(text: &str, family: &Family) -> Result<Self, SourceError> {
@@ -168,9 +168,22 @@ impl Source {
             _ => Reading::Fixed,
         };
         let sign = if unsigned { ",u" } else { "" };
-        Ok(Self { name: format!("{register}{sign}"), register, reading, units: "", motor: None })
+        let name = format!("{register}{sign}");
+        Ok(Self { name, registers: vec![register], reading, units: "", motor: None })
+    }
+
+    /// The longs of a sample that it takes.
+    #[must_use]
+    pub const fn longs(&self) -> u32 {
+        self.reading.longs() as u32
     }
 }
+
+/// Turbo boards have a register for it.
+const FOLLOWING_ERROR: &str = "following_error";
+/// The registers from which [`Reading::FollowingError`] computes it, in this order.
+const FOLLOWING_ERROR_PARTS: [&str; 4] =
+    ["commanded_position", "actual_position", "compensation_position", "servo_status"];
 
 /// Splits a name into its owner, the owner's number, and the rest.
 fn owner<'a>(text: &'a str, layout: &Layout) -> Result<(Owner, Option<usize>, &'a str), SourceError> {
@@ -189,15 +202,21 @@ fn owner<'a>(text: &'a str, layout: &Layout) -> Result<(Owner, Option<usize>, &'
     }
 }
 
-/// The registers of `owner`'s `number` that are copies of one known register, which a gather can take just as well.
-fn gatherable(
-    layout: &Layout,
-    owner: Owner,
-    number: Option<usize>,
-) -> impl Iterator<Item = (Entry, PmacRegister, Reading)> {
+/// A register with a name.
+struct Named {
+    name: &'static str,
+    register: PmacRegister,
+    reading: Reading,
+    units: &'static str,
+}
+
+/// The registers of `owner`'s `number` that a gather can take by name: those that a report copies, if the copy is of one
+/// known register, and the positions that no report copies.
+fn gatherable(layout: &Layout, owner: Owner, number: Option<usize>) -> impl Iterator<Item = Named> + use<> {
     let layout = *layout;
-    layout.entries().filter_map(move |entry| {
-        let SourceAt::One(address) = entry.source(layout.family()) else { return None };
+    let family = layout.family();
+    let copied = layout.entries().filter_map(move |entry| {
+        let SourceAt::One(address) = entry.source(family) else { return None };
         if entry.number != number || !owner.owns(&entry) {
             return None;
         }
@@ -208,8 +227,20 @@ fn gatherable(
             Format::Bits24 | Format::Unsigned16 | Format::Unsigned24 => Reading::Unsigned,
             _ => return None,
         };
-        Some((entry, PmacRegister::new(address)?, reading))
-    })
+        let name = entry.register.name.trim_start_matches(owner.prefix());
+        Some(Named { name, register: PmacRegister::new(address)?, reading, units: entry.register.units })
+    });
+    let motor = number.filter(|_| owner == Owner::Motor);
+    let more = motor.into_iter().flat_map(move |number| {
+        family.more_positions.iter().filter_map(move |(name, first)| {
+            let SourceAt::One(address) = family.source(table::Source::Motor(*first), number) else {
+                return None;
+            };
+            let (reading, units) = (Reading::Fixed, POSITION);
+            Some(Named { name, register: PmacRegister::new(address)?, reading, units })
+        })
+    });
+    copied.chain(more)
 }
 
 #[cfg(test)]
@@ -237,23 +268,41 @@ mod tests {
             ("servo_timer", "X:$0000", 0x40_0000),
         ] {
             let source = parse(text).unwrap();
-            assert_eq!(
-                (source.register.to_string().as_str(), source.register.gather_code()),
-                (register, code),
-                "{text}"
-            );
+            let [named] = source.registers[..] else { panic!("{text}") };
+            assert_eq!((named.to_string().as_str(), named.gather_code()), (register, code), "{text}");
             assert_eq!(source.name, text.to_ascii_lowercase());
         }
     }
 
     #[test]
-    fn a_turbo_board_has_a_register_for_the_following_error() {
+    fn a_turbo_board_has_registers_for_following_error_and_commanded_position() {
         let layout = Layout::new(&TURBO2, None);
-        // D:$000091 + $80*(n-1), as drivers in production read it (epics-modules/tpmac, ls-cat-org/pgpmac).
-        for (text, code) in [("1.following_error", 0x80_0091), ("32.following_error", 0x80_1011)] {
+        // D:$000091 and D:$000088 + $80*(n-1), as drivers in production read them (epics-modules/tpmac, ls-cat-org/pgpmac).
+        for (text, code) in [
+            ("1.following_error", 0x80_0091),
+            ("32.following_error", 0x80_1011),
+            ("1.commanded_position", 0x80_0088),
+            ("32.commanded_position", 0x80_1008),
+        ] {
             let source = Source::parse(text, &layout).unwrap();
-            assert_eq!((source.register.gather_code(), source.reading), (code, Reading::Fixed), "{text}");
+            assert_eq!((source.registers[0].gather_code(), source.reading), (code, Reading::Fixed), "{text}");
+            assert_eq!((source.registers.len(), source.units), (1, "1/(Ix08*32) count"), "{text}");
         }
+        let names = Source::names(&layout);
+        assert!(
+            names.contains("1.commanded_position") && !names.contains("cs1.commanded_position"),
+            "{names}"
+        );
+        assert_eq!(names.matches("1.following_error").count(), 1, "{names}");
+    }
+
+    #[test]
+    fn another_board_computes_the_following_error_from_four_registers() {
+        let source = parse("2.following_error").unwrap();
+        let registers: Vec<String> = source.registers.iter().map(ToString::to_string).collect();
+        assert_eq!(registers, ["D:$0064", "D:$0067", "D:$0082", "X:$0079"]);
+        assert_eq!((source.reading, source.longs(), source.motor), (Reading::FollowingError, 7, Some(2)));
+        assert!(Source::names(&Layout::new(&PMAC, None)).contains("1.following_error"));
     }
 
     #[test]
@@ -268,7 +317,7 @@ mod tests {
     #[test]
     fn what_cannot_be_gathered_is_refused_with_what_can() {
         let said = |text: &str| parse(text).unwrap_err().to_string();
-        assert!(said("1.following_error").contains("commanded_position and actual_position"));
+        assert!(said("cs1.following_error").contains("is not known"));
         assert!(said("9.actual_position").contains("1.NAME to 8.NAME"));
         assert!(said("0.actual_position").contains("1.NAME to 8.NAME"));
         assert!(said("csx.program_status").contains("cs1.NAME"));

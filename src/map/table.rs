@@ -6,6 +6,9 @@ use std::fmt;
 
 use super::{HostOffset, PmacAddress};
 
+/// The unit of a motor's positions.
+pub const POSITION: &str = "1/(Ix08*32) count";
+
 /// The owners that a record's numbers count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum NumberKind {

@@ -131,6 +131,38 @@ fn the_following_error_of_a_turbo_board_is_what_f_answers() {
 }
 
 #[test]
+fn a_gathered_following_error_and_commanded_position_are_the_boards_own() {
+    let turbo = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+    for site in [VirtualSite::running(&[], &[]), turbo] {
+        site.wait_for_live_servo();
+        site.wait_for_identity();
+        for line in ["#1J/", "I122=20", "#1J=20000"] {
+            site.ask(line);
+        }
+        site.run_for(Duration::from_millis(600));
+        let sources = ["1.following_error", "1.commanded_position", "1.actual_position"];
+        let sources = sources.iter().flat_map(|source| ["-s", source]);
+        let line = ["gather", "--seconds", "0.05", "-o", "-"].into_iter().chain(sources);
+        let (status, rows, told) = site.pmacctl(&line.collect::<Vec<_>>());
+        assert_eq!(status, 0, "{told}");
+        let mut lines = rows.lines();
+        let head = lines.next().unwrap();
+        assert!(
+            head.ends_with(
+                "1.following_error [count],1.commanded_position [count],1.actual_position [count]"
+            ),
+            "{head}"
+        );
+        let values: Vec<f64> = lines.last().unwrap().split(',').map(|cell| cell.parse().unwrap()).collect();
+        let [error, commanded, actual] = values[2..] else { panic!("{values:?}") };
+        assert!(error > 20.0 && (commanded - actual - error).abs() < 0.01, "{values:?}");
+        let asked: f64 = site.ask("#1F")[0].parse().unwrap();
+        assert!((asked - error).abs() < 20.0, "{asked}, {error}");
+        site.assert_no_violations();
+    }
+}
+
+#[test]
 fn motors_say_why_p_answers_something_else() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();

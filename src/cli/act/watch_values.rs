@@ -123,7 +123,10 @@ impl Copied {
             _ => {
                 let source = Source::parse(text, layout).map_err(Failure::request)?;
                 let column = Column::new(&source, scales);
-                return Ok(Self { name: source.register.into(), column, longs_before: 0 });
+                let [register] = source.registers[..] else {
+                    return Err(Failure::Request(format!("{text}: the board has no register for it")));
+                };
+                return Ok(Self { name: register.into(), column, longs_before: 0 });
             }
         };
         let (reading, longs_before) = match name {

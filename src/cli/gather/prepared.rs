@@ -38,7 +38,7 @@ impl Prepared {
         // The segment tells the family, but not how much DPRAM the board has.
         let layout = settings.layout(connection.info()?.sized(layout.family()), firmware);
         let sources = sources(&layout).map_err(Failure::request)?;
-        let sample_longs = sources.iter().map(|source| source.register.longs()).sum();
+        let sample_longs = sources.iter().map(Source::longs).sum();
         let kept = BufferLayout::new(&layout, &settings.plan).map_err(Failure::request)?;
         let buffer_longs = buffer.or_else(|| kept.gather_size(sample_longs));
         let request = GatherRequest { sources, period, mode, buffer_longs };

@@ -219,7 +219,11 @@ fn columns(first: &ServoData, number: usize, fields: &[String]) -> Result<Vec<Co
     }
     let unknown = |name: &str| {
         let names: Vec<_> = motor.names().collect();
-        Failure::Request(format!("the servo report has no {name:?}; it has {}", names.join(", ")))
+        let elsewhere = match name {
+            "commanded_position" => format!("; pmacctl gather -s {number}.{name} samples it"),
+            _ => String::new(),
+        };
+        Failure::Request(format!("the servo report has no {name:?}; it has {}{elsewhere}", names.join(", ")))
     };
     let fields = fields.iter().filter(|name| !name.starts_with(PREFIX));
     fields.map(|name| column(name).ok_or_else(|| unknown(name))).collect()

@@ -12,8 +12,6 @@ use crate::function::panel::PanelAction;
 use crate::gather::{GatherMode, Source, SourceError};
 use crate::map::Layout;
 
-/// The register of the commanded position, which Turbo boards do not report.
-const COMMANDED: &str = "commanded_position";
 /// The sleep when no samples have come.
 const TAKE_SAMPLES_EVERY: Duration = Duration::from_millis(5);
 /// How often to tell the daemon that the owner still follows.
@@ -42,16 +40,13 @@ pub struct Record {
 pub struct Recorder {
     prepared: Prepared,
     number: u8,
-    /// The board has a register for the following error and none for the commanded position.
-    is_error: bool,
     cycle_s: f64,
 }
 
 /// The sources for motor `number`, the actual position last.
 fn sources(number: u8, layout: &Layout) -> Result<Vec<Source>, SourceError> {
     let source = |name: &str| Source::parse(&format!("{number}.{name}"), layout);
-    let commanded = source(COMMANDED).or_else(|_| source("following_error"))?;
-    Ok(vec![commanded, source("actual_position")?])
+    ["commanded_position", "actual_position"].into_iter().map(source).collect()
 }
 
 impl Recorder {
@@ -69,8 +64,7 @@ impl Recorder {
             let why = format!("the scales of motor {number}, or the servo period, are not known yet");
             return Err(Failure::Refused(why));
         };
-        let is_error = !columns.iter().any(|column| column.name.ends_with(COMMANDED));
-        Ok(Self { prepared, number, is_error, cycle_s: cycle_ns / 1e9 })
+        Ok(Self { prepared, number, cycle_s: cycle_ns / 1e9 })
     }
 
     /// The connection that gathers.
@@ -133,9 +127,9 @@ impl Recorder {
                 self.prepared.connection.panel(PanelAction::JogStop.name(), &[self.number])?;
                 return Ok(());
             }
-            let (cycle_s, is_error) = (self.cycle_s, self.is_error);
+            let cycle_s = self.cycle_s;
             let taken = samples.take(&mut self.prepared.board, None, |number, values| {
-                record.take(number, cycle_s, is_error, values);
+                record.take(number, cycle_s, values);
                 Ok::<(), Failure>(())
             })?;
             match (taken, record.begin()) {
@@ -161,7 +155,7 @@ impl Recorder {
 }
 
 impl Record {
-    fn take(&mut self, number: u64, cycle_s: f64, is_error: bool, values: &[f64]) {
+    fn take(&mut self, number: u64, cycle_s: f64, values: &[f64]) {
         let [commanded, actual] = *values else { return };
         let Recording { times, commanded: all_commanded, actual: all_actual } = &mut self.recording;
         if number > self.next {
@@ -170,7 +164,7 @@ impl Record {
         }
         self.next = number + 1;
         times.push(number as f64 * cycle_s);
-        all_commanded.push(if is_error { actual + commanded } else { commanded });
+        all_commanded.push(commanded);
         all_actual.push(actual);
     }
 

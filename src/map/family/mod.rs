@@ -68,6 +68,8 @@ pub struct Family {
     pub motor_source_stride: u32,
     /// PMAC addresses from one coordinate system's registers to the next one's.
     pub system_source_stride: u32,
+    /// Positions of motor 1 in 1/(Ix08*32) count that no report copies, each with its name in a gather.
+    pub more_positions: &'static [(&'static str, PmacAddress)],
     /// The default of I10, the servo period in 1/8388608 ms.
     pub default_i10: u32,
     /// The functions that `pmacd` uses on boards of the family.
@@ -132,6 +134,7 @@ const fn pmac_family(
         address_bits: 16,
         motor_source_stride: 0x3C,
         system_source_stride: 0xC0,
+        more_positions: &[],
         default_i10,
         functions: &Function::ALL,
         i: pmac::I_VARIABLES,
@@ -181,6 +184,7 @@ const fn turbo_family(
         address_bits: 19,
         motor_source_stride: turbo::MOTOR_SOURCE_STRIDE,
         system_source_stride: turbo::SYSTEM_SOURCE_STRIDE,
+        more_positions: &[("commanded_position", turbo::COMMANDED_POSITION)],
         default_i10,
         functions: turbo::FUNCTIONS,
         i: turbo::I_VARIABLES,

@@ -4,7 +4,7 @@
 
 use super::pmac as at;
 use crate::map::functions::rotary_header;
-use crate::map::table::{Bits, Block, Format, NumberKind, Register, Source, Writer};
+use crate::map::table::{Bits, Block, Format, NumberKind, POSITION, Register, Source, Writer};
 use crate::map::{HostOffset, PmacAddress, Space};
 
 use Format::{
@@ -14,7 +14,6 @@ use Format::{
 use NumberKind::{CoordinateSystem, Motor, MotorOrCoordinateSystem};
 use Writer::{Host, HostSetsPmacClears, Pmac, PmacSetsHostClears};
 
-const POSITION: &str = "1/(Ix08*32) count";
 const VELOCITY: &str = "1/(Ix09*32) count per servo cycle";
 const HALF_MS: &str = "1/2 msec";
 const LONGS: &str = "32-bit DPRAM words";

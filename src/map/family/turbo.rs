@@ -8,7 +8,7 @@ use crate::map::functions::{
     AsciiPort, BackgroundBlock, Blocks, BusyRule, Flag, GlobalStatus, IVariables, ReportStart, RotaryHeaders,
     Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
 };
-use crate::map::{Function, GatherPlace, HostOffset, NumberKind, Region};
+use crate::map::{Function, GatherPlace, HostOffset, NumberKind, PmacAddress, Region, Space};
 
 /// The PMAC address of the first DPRAM location (TUM p. 402).
 pub const BASE: u32 = 0x06_0000;
@@ -27,6 +27,8 @@ pub const SYSTEMS: usize = 16;
 pub const MOTOR_SOURCE_STRIDE: u32 = 0x80;
 /// PMAC addresses from one coordinate system's registers to the next one's (the same; TSRM p. 287 misprints $80).
 pub const SYSTEM_SOURCE_STRIDE: u32 = 0x100;
+/// Motor 1's commanded position (the vendor's suggested M-variable M161).
+pub const COMMANDED_POSITION: PmacAddress = PmacAddress::new(Space::D, 0x88);
 
 const fn at(bytes: u32) -> HostOffset {
     HostOffset::new(bytes)

@@ -4,7 +4,7 @@
 
 use super::turbo as at;
 use crate::map::functions::rotary_header;
-use crate::map::table::{Bits, Block, Confidence, Format, NumberKind, Register, Source, Writer};
+use crate::map::table::{Bits, Block, Confidence, Format, NumberKind, POSITION, Register, Source, Writer};
 use crate::map::{HostOffset, PANEL_REQUEST_BITS, PmacAddress, Space};
 
 use Confidence::{High, Low, Medium};
@@ -15,7 +15,6 @@ use Format::{
 use NumberKind::{CoordinateSystem, Motor, MotorOrCoordinateSystem};
 use Writer::{Host, HostSetsPmacClears, Pmac, PmacSetsHostClears};
 
-const POSITION: &str = "1/(Ix08*32) count";
 const LONGS: &str = "32-bit DPRAM words";
 const HALF_MS: &str = "1/2 msec";
 const NOT_CONFIRMED: &str = "as on PMAC; whether any firmware acts on it is not confirmed";
