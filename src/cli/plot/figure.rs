@@ -1,6 +1,8 @@
 //! A figure: panels one below the other over one horizontal axis, each with a vertical axis of its own, and the places
 //! of all parts on the page.
 
+use std::borrow::Cow;
+
 use super::letters::width;
 use super::scale::Scale;
 use super::scene::{Anchor, Color, Scene, Shape, Text};
@@ -33,7 +35,7 @@ pub struct Panel<'a> {
 #[derive(Debug)]
 pub struct Trace<'a> {
     pub name: String,
-    pub values: &'a [f64],
+    pub values: Cow<'a, [f64]>,
 }
 
 impl Trace<'_> {
@@ -286,7 +288,7 @@ impl FigurePage {
             (along.has(*place) && scale.has(*value)).then(|| [x(*place), y(*value)])
         };
         for (trace, &(color, dashed)) in panel.traces.iter().zip(looks) {
-            let drawn = drawn(places.iter().zip(trace.values).map(on_page), gaps);
+            let drawn = drawn(places.iter().zip(&*trace.values).map(on_page), gaps);
             let line = |points| Shape::Line { points, color, width: 1.5, dashed };
             self.shapes.extend(drawn.lines.into_iter().map(line));
             self.shapes.extend(drawn.dots.into_iter().map(|at| Shape::Dot { at, color }));
@@ -321,8 +323,8 @@ mod tests {
     /// The picture of two panels, the first with traces of these names.
     fn picture(traces: &[String], values: &[f64]) -> Scene {
         let places: Vec<f64> = (0..values.len()).map(|index| index as f64 * 1e-3).collect();
-        let traces = traces.iter().map(|name| Trace { name: name.clone(), values }).collect();
-        let error = Trace { name: "1.following_error".to_owned(), values };
+        let traces = traces.iter().map(|name| Trace { name: name.clone(), values: values.into() }).collect();
+        let error = Trace { name: "1.following_error".to_owned(), values: values.into() };
         let figure = Figure {
             title: "a".repeat(400),
             note: "a word or two ".repeat(40),

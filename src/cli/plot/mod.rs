@@ -32,7 +32,8 @@ pub struct Plot {
     /// The picture, ending in .svg; - is stdout
     #[arg(long, short, value_name = "FILE")]
     output: PicturePath,
-    /// Only these columns, named as in the file [default: all but times and status words]
+    /// Only these columns, named as in the file, and differences of two: 1.commanded_position-1.actual_position
+    /// [default: all but times and status words]
     #[arg(long, value_name = "NAME,NAME", value_delimiter = ',')]
     columns: Vec<String>,
 }

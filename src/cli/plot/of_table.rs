@@ -1,8 +1,10 @@
 //! The parts of a table that a picture shows: time along, and a panel for each kind of value.
 
+use std::borrow::Cow;
+
 use super::figure::{Figure, Panel, Trace};
 use crate::cli::context::Failure;
-use crate::table::Table;
+use crate::table::{Field, Table};
 
 /// The columns that can give the time, the best first, and the name of the axis.
 const TIMES: [(&str, &str); 4] = [
@@ -16,8 +18,8 @@ const OWN: [&str; 6] = ["time_s", "servo_cycle", "sample", "update", "unix_s", "
 /// The column that counts lost updates.
 const LOST: &str = "lost";
 
-/// A figure of `table`: of the named columns, or of all columns but times and status words. `title` is the figure's
-/// title.
+/// A figure of `table`: of the named columns and differences of two columns, or of all columns but times and status
+/// words. `title` is the figure's title.
 ///
 /// # Errors
 /// [`Failure::Request`] names the column that the table does not have.
@@ -30,27 +32,30 @@ pub fn figure<'a>(table: &'a Table, columns: &[String], title: String) -> Result
         let names = TIMES.map(|(name, _)| name).join(", ");
         return Err(Failure::Request(format!("{title}: no column of time; one of {names} is needed")));
     };
-    let wanted = |index: usize| {
-        let name = &*table.fields[index].name;
-        if columns.is_empty() {
-            !OWN.contains(&name) && name != LOST && !name.ends_with("_status")
-        } else {
-            columns.iter().any(|column| column == name)
-        }
-    };
-    if let Some(unknown) = columns.iter().find(|column| table.index(column).is_none()) {
-        let names: Vec<&str> = table.fields.iter().map(|field| &*field.name).collect();
-        return Err(Failure::Request(format!("{title}: no column {unknown:?}; it has {}", names.join(", "))));
-    }
+    let fields = (0..).zip(&table.fields);
+    let is_named = |name: &String| columns.contains(name);
+    let is_usual = |name: &&str| !OWN.contains(name) && *name != LOST && !name.ends_with("_status");
+    let drawn = fields.filter(|(_, field)| match columns {
+        [] => is_usual(&&*field.name),
+        _ => is_named(&field.name),
+    });
     let mut panels: Vec<Panel> = Vec::new();
-    for index in (0..table.fields.len()).filter(|index| wanted(*index)) {
-        let field = &table.fields[index];
-        let label = label(&field.name, &field.unit);
-        let trace = Trace { name: field.name.clone(), values: &table.columns[index] };
-        match panels.iter_mut().find(|panel| panel.label == label) {
-            Some(panel) => panel.traces.push(trace),
-            None => panels.push(Panel { label, traces: vec![trace] }),
-        }
+    let mut add = |label: String, trace: Trace<'a>| match panels.iter_mut().find(|panel| panel.label == label)
+    {
+        Some(panel) => panel.traces.push(trace),
+        None => panels.push(Panel { label, traces: vec![trace] }),
+    };
+    for (index, Field { name, unit, .. }) in drawn {
+        let values = Cow::from(&table.columns[index]);
+        add(label(name, unit), Trace { name: name.clone(), values });
+    }
+    for name in columns.iter().filter(|name| table.index(name).is_none()) {
+        let Some((unit, values)) = difference(table, name)? else {
+            let names: Vec<&str> = table.fields.iter().map(|field| &*field.name).collect();
+            let names = names.join(", ");
+            return Err(Failure::Request(format!("{title}: no column {name:?}; it has {names}")));
+        };
+        add(label("difference", unit), Trace { name: name.clone(), values: values.into() });
     }
     if panels.is_empty() {
         let why = "only times and status words in it; name columns with --columns to draw them";
@@ -58,6 +63,21 @@ pub fn figure<'a>(table: &'a Table, columns: &[String], title: String) -> Result
     }
     let gaps = gaps(table).into_iter().map(|(index, _)| index).collect();
     Ok(Figure { title, note: missing(table), along: along.to_owned(), places, gaps, panels })
+}
+
+/// The unit and the values of `a-b`, a column less another; `None` if the table lacks one of them. A column's name may
+/// have hyphens, too.
+fn difference<'a>(table: &'a Table, text: &str) -> Result<Option<(&'a str, Vec<f64>)>, Failure> {
+    let places = text.match_indices('-').map(|(place, _)| place);
+    let pair =
+        places.filter_map(|place| Some((table.index(&text[..place])?, table.index(&text[place + 1..])?)));
+    let Some((a, b)) = pair.last() else { return Ok(None) };
+    let [of_a, of_b] = [a, b].map(|index| &*table.fields[index].unit);
+    if of_a != of_b {
+        return Err(Failure::Request(format!("{text}: a difference of [{of_a}] and [{of_b}] has no unit")));
+    }
+    let values = table.columns[a].iter().zip(&table.columns[b]).map(|(a, b)| a - b).collect();
+    Ok(Some((of_a, values)))
 }
 
 /// The name of an axis for values like the column's: `1.actual_position` and `2.commanded_position` are positions.
@@ -123,6 +143,20 @@ mod tests {
         assert_eq!(panels(&log, &["1.servo_status"]).unwrap(), ["servo status: 1.servo_status"]);
         let drawn = figure(&log, &[], String::new()).unwrap();
         assert_eq!((&*drawn.along, &*drawn.note), ("time (s)", "missing updates: 7"));
+        assert_eq!(
+            panels(&log, &["1.commanded_position-2.actual_position", "1.following_error"]).unwrap(),
+            [
+                "following error (count): 1.following_error",
+                "difference (count): 1.commanded_position-2.actual_position"
+            ]
+        );
+        let drawn =
+            figure(&log, &["1.commanded_position-2.actual_position".to_owned()], String::new()).unwrap();
+        assert_eq!(drawn.panels[0].traces[0].values[0], 1.0 - 4.0);
+        assert!(panels(&log, &["1.following_error-X:$0033"]).unwrap_err().contains("has no unit"));
+        for name in ["1.following_error-x", "-1.following_error", "1.following_error-"] {
+            assert!(panels(&log, &[name]).unwrap_err().contains("no column"), "{name}");
+        }
         assert!(panels(&log, &["x"]).unwrap_err().contains("no column \"x\"; it has update, time_s"));
     }
 

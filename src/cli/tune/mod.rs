@@ -7,6 +7,7 @@ mod moves;
 mod recorder;
 mod response;
 
+use std::borrow::Cow;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -394,7 +395,7 @@ fn plot(
     let shown = recording.times.iter().take_while(|time| end.is_none_or(|end| **time <= end));
     let places: Vec<f64> = shown.map(|time| (time - begin) * 1e3).collect();
     let error = recording.following_error();
-    let trace = |name: &str, values| Trace { name: name.to_owned(), values };
+    let trace = |name: &str, values| Trace { name: name.to_owned(), values: Cow::Borrowed(values) };
     let squeezed = |line: String| line.split_whitespace().collect::<Vec<_>>().join(" ");
     draw(
         &Figure {
