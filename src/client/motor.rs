@@ -106,6 +106,11 @@ impl<'a> Motor<'a> {
         self.family.background.numbers != NumberKind::CoordinateSystem
     }
 
+    /// The words of `?`, with the meaning of their bits; `None` for an unknown word.
+    pub fn status_words(&self) -> [Option<Flags>; 2] {
+        [self.servo.status, self.background_flags()]
+    }
+
     /// The flags of the background status word, the second word of `?`.
     fn background_flags(&self) -> Option<Flags> {
         if self.is_in_background() {

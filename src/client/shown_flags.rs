@@ -52,6 +52,12 @@ const SYSTEM: [Shown; 12] = [
     ("in_position", "in-position"),
 ];
 
+/// The flags for which `word` stands.
+pub fn named(word: &str) -> impl Iterator<Item = &'static str> {
+    let all = MOTOR_SERVO.iter().chain(&MOTOR_BACKGROUND).chain(&SYSTEM);
+    all.filter(move |(_, shown)| *shown == word).map(|(name, _)| *name)
+}
+
 fn shown(table: &[Shown], is_set: impl Fn(&str) -> bool) -> Vec<&'static str> {
     table.iter().filter(|(name, _)| is_set(name)).map(|(_, word)| *word).collect()
 }

@@ -104,6 +104,14 @@ pub struct CoordinateSystem {
     pub program_address_offset: Option<u32>,
 }
 
+impl CoordinateSystem {
+    /// The words of `??`, with the meaning of their bits; `None` for a word that the daemon did not read.
+    #[must_use]
+    pub fn status_words(&self) -> [Option<Flags>; 3] {
+        [self.status, self.program_status, self.turbo.and_then(|turbo| turbo.lookahead_status)]
+    }
+}
+
 /// The fields of a coordinate system that only PMAC and PMAC2 report.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct PmacSystem {

@@ -11,7 +11,10 @@ pub const PROGRAM_RUNS: u16 = 1;
 /// [`ERRORS`]: the board does not know the command, or does not allow it at this place.
 pub const UNRECOGNIZED: u16 = 3;
 
-/// Every documented error number with its meaning, ascending. 18 and above are Turbo's.
+/// The last error of PMAC and PMAC2; those above are Turbo's.
+pub const LAST_OF_PMAC: u16 = 17;
+
+/// Every documented error number with its meaning, ascending.
 pub const ERRORS: &[(u16, &str)] = &[
     (PROGRAM_RUNS, "command not allowed while a program is running"),
     (2, "password error"),

@@ -13,6 +13,7 @@ pub mod field;
 pub mod firmware;
 pub mod function;
 pub mod functions;
+pub mod i_variables;
 pub mod layout;
 pub mod m_definition;
 pub mod mailbox;
@@ -48,6 +49,7 @@ pub use functions::{
     ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableKind, VariableRead, VariableWrite,
     WholeBoard,
 };
+pub use i_variables::{IVariable, i_variable};
 pub use layout::{Entry, Layout, MapRecord, records};
 pub use masks::{Motors, Systems};
 pub use readings::Readings;

@@ -20,6 +20,18 @@ pub enum NumberKind {
     MotorOrCoordinateSystem,
 }
 
+impl NumberKind {
+    /// Its name, before a number.
+    #[must_use]
+    pub const fn title(self) -> &'static str {
+        match self {
+            Self::Motor => "motor",
+            Self::CoordinateSystem => "coordinate system",
+            Self::MotorOrCoordinateSystem => "motor or coordinate system",
+        }
+    }
+}
+
 /// How much of a PMAC location a register takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Width {

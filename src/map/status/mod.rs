@@ -3,6 +3,7 @@
 //! PMAC answers `?`, `??` and `???` with six hexadecimal digits a word, the first digit being bits 23-20 (Software
 //! Reference p. 189-198); the fixed buffers of the DPRAM hold the same words. PMAC alone writes them.
 
+mod meaning;
 mod pmac;
 mod turbo;
 

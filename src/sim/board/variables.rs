@@ -309,6 +309,36 @@ mod tests {
     }
 
     #[test]
+    fn a_new_board_has_the_defaults_and_ranges_that_people_are_told() {
+        let number = |text: &str| match text.strip_prefix('$') {
+            Some(digits) => i64::from_str_radix(digits, 16).ok().map(|word| word as f64),
+            None => text.parse::<f64>().ok(),
+        };
+        for &tables in crate::sim::board::families::SIMULATED {
+            let variables = Variables::new(tables);
+            let mut compared = 0;
+            for (n, rule) in variables.rules.iter().enumerate() {
+                let Some(told) = crate::map::i_variable(&format!("I{n}"), tables.family) else { continue };
+                let name = format!("{} I{n} {}", tables.family.name, told.title);
+                // A number without a row keeps any value.
+                if rule.kind == Values::Float && rule.default == 0.0 && !rule.hex {
+                    continue;
+                }
+                if let Some(default) = number(told.default) {
+                    assert!((default - rule.default).abs() < 1e-4, "{name}: {}", rule.default);
+                    compared += 1;
+                }
+                let ends = told.range.split_once(" to ").or_else(|| told.range.split_once(" or "));
+                let ends = ends.and_then(|(low, high)| Some((number(low)?, number(high)?)));
+                if let (Some((low, high)), Values::Whole(least, most), false) = (ends, rule.kind, rule.hex) {
+                    assert_eq!((low, high), (least as f64, most as f64), "{name}");
+                }
+            }
+            assert!(compared > 300, "{}: {compared}", tables.family.name);
+        }
+    }
+
+    #[test]
     fn q_sets_overlap_as_on_the_board() {
         let mut board = testing::board();
         let Board { memory, variables, .. } = &mut board;
