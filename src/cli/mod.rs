@@ -6,7 +6,7 @@
 //! | room | content |
 //! |---|---|
 //! | `args` | the command line |
-//! | `show` | commands that only read: `status`, `motors`, `coordinates`, `watch`, `demo`, `read`, `board map`, `board decode` |
+//! | `show` | commands that only read: `status`, `motors`, `coordinates`, `motor`, `system`, `watch`, `demo`, `read`, `board map`, `board decode` |
 //! | `top` | the screen: everything live, and jog keys |
 //! | `act` | commands that do one thing on the board: `send`, `write`, `jog`, `panel`, `variable`, `abort`, `kill`, `terminal` |
 //! | `gather`, `log`, `plot`, `rotary` | samples to a file; every update to a file; pictures; motion programs from a file |
@@ -15,6 +15,7 @@
 //! | `tune` | moves a motor and reports its response |
 //! | `capture` | `board capture`: a board in a directory of plain files |
 //! | `doctor` | faults and their cures |
+//! | `explain` | I-variables, errors, addresses and status bits, as text |
 //! | `console` | terminal, tables, output files, signals |
 
 mod act;
@@ -23,6 +24,7 @@ mod capture;
 mod console;
 mod context;
 mod doctor;
+mod explain;
 mod files;
 mod gather;
 mod layout;
@@ -50,7 +52,7 @@ use console::Output;
 use context::{Context, Failure, Verdict};
 use files::{backup, download};
 use show::watch::{self, Part};
-use show::{decode, demo, map, read, status};
+use show::{bits, decode, demo, map, read, status};
 
 pub use files::{preprocess, settings_file};
 pub use rotary::words as rotary_words;
@@ -112,6 +114,9 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Doctor(options) => doctor::run(&mut context, &options),
         Command::Motors => watch::once(&mut context, Part::Motors),
         Command::Coordinates => watch::once(&mut context, Part::Coordinates),
+        Command::Motor(options) => bits::motor(&mut context, &options),
+        Command::System(options) => bits::system(&mut context, &options),
+        Command::Explain(options) => explain::run(&mut context, &options),
         Command::Watch(options) => watch::run(&mut context, &options),
         Command::Top(options) => top::run(&mut context, &options),
         Command::Read(options) => read::run(&mut context, &options),

@@ -67,6 +67,7 @@ mod service;
 mod simulator;
 mod socket;
 mod socket_jobs;
+mod status_bits;
 mod stops;
 mod tools;
 mod tools_serial;

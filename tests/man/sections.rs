@@ -214,6 +214,18 @@ pub fn examples(page: &str) -> &'static [Example] {
         ],
         "pmacctl-motors" => &[("Once, for a script:", &["pmacctl motors --json"])],
         "pmacctl-coordinates" => &[("Once:", &["pmacctl coordinates"])],
+        "pmacctl-motor" => &[("Every status bit of motor 1, and what it means:", &["pmacctl motor 1"])],
+        "pmacctl-system" => &[
+            ("Every status bit of coordinate system 1:", &["pmacctl system 1"]),
+            ("Those of the board:", &["pmacctl system"]),
+        ],
+        "pmacctl-explain" => &[
+            (
+                "A variable, an error, an address and a status bit:",
+                &["pmacctl explain I130 ERR003 'Y:$D009' home_complete"],
+            ),
+            ("A variable of every motor of a Turbo board:", &["pmacctl explain Ixx97 --family turbo2"]),
+        ],
         "pmacctl-watch" => &[
             ("Ten lines, two a second:", &["pmacctl watch --count 10 --rate 2"]),
             ("The coordinate systems:", &["pmacctl watch coordinates"]),
@@ -302,6 +314,10 @@ pub fn examples(page: &str) -> &'static [Example] {
         "pmacctl-plot" => &[
             ("What gather or log wrote:", &["pmacctl plot run.csv -o run.svg"]),
             ("One column of it:", &["pmacctl plot run.csv --columns 1.following_error -o run.svg"]),
+            (
+                "The difference of two columns:",
+                &["pmacctl plot data.csv --columns 1.commanded_position-1.actual_position -o run.svg"],
+            ),
         ],
         "pmacctl-tune" => &[
             ("A step of 200 counts, with a picture:", &["pmacctl tune step 1 --size 200 --plot step.svg"]),

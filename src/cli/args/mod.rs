@@ -17,6 +17,7 @@ use crate::cli::act::terminal::Terminal;
 use crate::cli::act::write::Write;
 use crate::cli::capture::Capture;
 use crate::cli::doctor::Doctor;
+use crate::cli::explain::Explain;
 use crate::cli::files::backup::{Backup, Diff, Restore};
 use crate::cli::files::download::Download;
 use crate::cli::gather::Gather;
@@ -25,6 +26,7 @@ use crate::cli::plot::Plot;
 use crate::cli::rotary::Rotary;
 use crate::cli::setup::absolute::Absolute;
 use crate::cli::setup::send::Setup;
+use crate::cli::show::bits::{MotorBits, SystemBits};
 use crate::cli::show::decode::Decode;
 use crate::cli::show::demo::Demo;
 use crate::cli::show::map::Map;
@@ -75,6 +77,12 @@ pub enum Command {
     Motors,
     /// Show the coordinate systems' targets and status
     Coordinates,
+    /// Show every status bit of a motor, the words of ?, and what each means
+    Motor(MotorBits),
+    /// Show every status bit of a coordinate system (??) or of the board (???), and what each means
+    System(SystemBits),
+    /// Explain an I-variable, an error, an address or a status bit (needs no daemon)
+    Explain(Explain),
     /// Show the motors or coordinate systems live: repainted on a terminal, one line a print in a pipe
     Watch(Watch),
     /// Show motors, coordinate systems, health and watched values on one screen; jog with armed keys
@@ -170,8 +178,8 @@ pub fn right_verb(error: &clap::Error) -> Option<String> {
         "home" => "panel home MOTOR",
         "run" | "start" | "step" | "hold" | "feed" => "panel",
         "move" | "jog+" | "jog-" | "jog-stop" => "jog",
-        "motor" | "position" | "positions" | "axes" => "motors",
-        "system" | "systems" | "coordinate" | "cs" => "coordinates",
+        "position" | "positions" | "axes" => "motors",
+        "systems" | "coordinate" | "cs" => "coordinates",
         "monitor" | "live" | "follow" => "watch",
         "info" | "health" => "status",
         "boards" | "check" | "diagnose" => "doctor",

@@ -174,7 +174,7 @@ fn milliseconds(time: Quantity) -> String {
 }
 
 fn flags(system: &CoordinateSystem) -> Vec<&'static str> {
-    let words = [system.status, system.program_status, system.turbo.and_then(|turbo| turbo.lookahead_status)];
+    let words = system.status_words();
     if words == [None; 3] {
         return vec![NOT_READ];
     }

@@ -4,11 +4,15 @@ use serde_json::{Value, json};
 
 use crate::decode::{BackgroundData, Flags, ServoData};
 
-/// The words and the names of their flags, from the report that has them; null if neither report does.
-pub fn document(servo: Option<&ServoData>, background: Option<&BackgroundData>) -> Value {
+/// The flags of the words, from the report that has them; `None` if neither report does.
+pub fn flags(servo: Option<&ServoData>, background: Option<&BackgroundData>) -> Option<[Flags; 2]> {
     let flags = servo.and_then(ServoData::global_flags);
-    let flags = flags.or_else(|| background.and_then(BackgroundData::global_flags));
-    flags.map_or(Value::Null, |flags| {
+    flags.or_else(|| background.and_then(BackgroundData::global_flags))
+}
+
+/// The words and the names of their flags; null without them.
+pub fn document(servo: Option<&ServoData>, background: Option<&BackgroundData>) -> Value {
+    flags(servo, background).map_or(Value::Null, |flags| {
         let words = flags.map(|flags| format!("${:06X}", flags.word));
         json!({ "words": words, "flags": flags.iter().flat_map(Flags::names).collect::<Vec<_>>() })
     })

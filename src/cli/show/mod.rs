@@ -1,5 +1,6 @@
 //! Commands that only read.
 
+pub mod bits;
 mod buffers;
 pub mod coordinates;
 pub mod decode;
