@@ -10,6 +10,7 @@ use crate::cli::args::values::{rate, seconds};
 use crate::cli::console::note;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::layout::board_layout;
+use crate::client::command::variables::board_variable;
 use crate::client::number::{digits, short};
 use crate::client::{Board, Connection, Variable as Entry, VariableTable, VariableWatch, View};
 use crate::decode::Scales;
@@ -27,8 +28,6 @@ const FIRST: u32 = 5;
 const PRODUCT_DIGITS: usize = 15;
 /// The largest integer an f64 holds with all integers below it.
 const EXACT: f64 = 9_007_199_254_740_992.0;
-/// The most variables in one line: every port has room for their replies.
-const AT_ONCE: usize = 8;
 
 #[derive(Debug, ClapArgs)]
 pub struct Watch {
@@ -166,14 +165,6 @@ impl Copied {
     }
 }
 
-/// The variable that `text` names, as `P1`; `None` for any other text.
-pub fn board_variable(text: &str) -> Option<String> {
-    let name = text.to_ascii_uppercase();
-    let digits = name.strip_prefix(['I', 'M', 'P', 'Q'])?;
-    let is_number = !digits.is_empty() && digits.bytes().all(|digit| digit.is_ascii_digit());
-    is_number.then_some(name)
-}
-
 /// The registers that PMAC copies for this watch.
 struct Copies {
     held: VariableWatch,
@@ -260,26 +251,8 @@ impl Questions {
     }
 
     fn ask(&mut self) -> Result<Vec<String>, Failure> {
-        ask_variables(&mut self.connection, &self.names, deadlines::PLAIN)
+        Ok(self.connection.ask_variables(&self.names, deadlines::PLAIN)?)
     }
-}
-
-/// The board's answer for each of the variables `names`.
-pub fn ask_variables(
-    connection: &mut Connection,
-    names: &[String],
-    timeout: Duration,
-) -> Result<Vec<String>, Failure> {
-    let mut answers = Vec::new();
-    for names in names.chunks(AT_ONCE) {
-        let line = names.join(" ");
-        let reply = connection.question(&line, timeout)?;
-        if reply.len() != names.len() {
-            return Err(Failure::Refused(format!("{line}: the board answers {}", reply.join(" "))));
-        }
-        answers.extend(reply.into_iter().map(|text| text.trim().to_owned()));
-    }
-    Ok(answers)
 }
 
 /// Prints one set of values as a line of text or of JSON.
@@ -352,21 +325,5 @@ mod tests {
     fn a_number_without_its_scale_says_so() {
         assert_eq!(if_raw("count"), "");
         assert_eq!(if_raw("1/(Ix08*32) count"), "[1/(Ix08*32) count]");
-    }
-
-    #[test]
-    fn variables_go_by_their_letter_and_number() {
-        for (text, name) in [
-            ("p1", Some("P1")),
-            ("I122", Some("I122")),
-            ("M8191", Some("M8191")),
-            ("Q0", Some("Q0")),
-            ("P99999", Some("P99999")),
-        ] {
-            assert_eq!(board_variable(text).as_deref(), name, "{text}");
-        }
-        for text in ["P", "L:$1005", "PLCC:7", "1.actual_position", "P1=5", "X1", "M1->X:$10", "P-1"] {
-            assert_eq!(board_variable(text), None, "{text}");
-        }
     }
 }

@@ -5,9 +5,10 @@
 
 use std::time::Duration;
 
-use crate::cli::act::watch_values::{Copied, ask_variables, board_variable};
+use crate::cli::act::watch_values::Copied;
 use crate::cli::context::{Context, Failure};
 use crate::cli::layout::board_layout;
+use crate::client::command::variables::board_variable;
 use crate::client::number::NOT_READ;
 use crate::client::{Board, VariableWatch};
 
@@ -112,7 +113,7 @@ fn ask(context: &Context, names: &[String]) -> Result<Vec<Found>, Failure> {
         true => connection.question("&", VARIABLES_WITHIN).ok().and_then(|said| said.into_iter().next()),
         false => None,
     };
-    let answers = ask_variables(&mut connection, names, VARIABLES_WITHIN)?;
+    let answers = connection.ask_variables(names, VARIABLES_WITHIN)?;
     let found = |(name, answer): (&String, String)| {
         let system = system.as_ref().filter(|_| is_of_system(name));
         (name.clone(), (system.map_or_else(|| name.clone(), |system| format!("&{system} {name}")), answer))

@@ -1,4 +1,5 @@
-//! Background variables: registers that PMAC copies for watches, and registers that it writes.
+//! Background variables: registers that PMAC copies for watches, and registers that it writes. Besides, the I-, M-, P-
+//! and Q-variables, which go by command line.
 
 use std::os::fd::{AsFd, BorrowedFd};
 use std::path::PathBuf;
@@ -16,7 +17,42 @@ use crate::protocol::message::encode;
 use crate::protocol::parameters::to_map;
 use crate::protocol::{BOARD, Call, CallError, calls};
 
+/// The most variables in one line: every port has room for their replies.
+const AT_ONCE: usize = 8;
+
+/// The I-, M-, P- or Q-variable that `text` names, as `P1`; `None` for any other text.
+#[must_use]
+pub fn board_variable(text: &str) -> Option<String> {
+    let name = text.to_ascii_uppercase();
+    let digits = name.strip_prefix(['I', 'M', 'P', 'Q'])?;
+    let is_number = !digits.is_empty() && digits.bytes().all(|digit| digit.is_ascii_digit());
+    is_number.then_some(name)
+}
+
 impl Connection {
+    /// The board's answer for each of the variables `names` ([`board_variable`]). A Q-variable is that of the addressed
+    /// coordinate system.
+    ///
+    /// # Errors
+    /// As [`Connection::send`], with [`CallError::Refused`] inside if the board answers with more or fewer values.
+    pub fn ask_variables(
+        &mut self,
+        names: &[String],
+        timeout: Duration,
+    ) -> Result<Vec<String>, CommandError> {
+        let mut answers = Vec::new();
+        for names in names.chunks(AT_ONCE) {
+            let line = names.join(" ");
+            let reply = self.question(&line, timeout)?;
+            if reply.len() != names.len() {
+                let reason = format!("{line}: the board answers {}", reply.join(" "));
+                return Err(CallError::Refused { reason }.into());
+            }
+            answers.extend(reply.into_iter().map(|text| text.trim().to_owned()));
+        }
+        Ok(answers)
+    }
+
     /// Turns the connection into a watch on registers and function blocks. PMAC copies them in the background until the
     /// caller drops the watch. Returns when the board has the table with them.
     ///
@@ -94,5 +130,26 @@ impl VariableWatch {
 impl AsFd for VariableWatch {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.link.as_fd()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::board_variable;
+
+    #[test]
+    fn variables_go_by_their_letter_and_number() {
+        for (text, name) in [
+            ("p1", Some("P1")),
+            ("I122", Some("I122")),
+            ("M8191", Some("M8191")),
+            ("Q0", Some("Q0")),
+            ("P99999", Some("P99999")),
+        ] {
+            assert_eq!(board_variable(text).as_deref(), name, "{text}");
+        }
+        for text in ["P", "L:$1005", "PLCC:7", "1.actual_position", "P1=5", "X1", "M1->X:$10", "P-1"] {
+            assert_eq!(board_variable(text), None, "{text}");
+        }
     }
 }
