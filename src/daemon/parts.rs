@@ -29,7 +29,7 @@ use crate::daemon::bus::ports::host_port::HostPortDriver;
 use crate::daemon::bus::presence::BoardPresence;
 use crate::daemon::bus::work::ascii::AsciiQueue;
 use crate::daemon::bus::work::command_lines::CommandLines;
-use crate::device::{Counted, Trace, Traced};
+use crate::device::{BoardSpec, Counted, Trace, Traced};
 use crate::map::word_use::m_variables;
 use crate::mirror::{self, BackgroundMirror, ServoMirror, UserMirror, VariableMirror};
 use crate::protocol::function::NO_FAMILY;
@@ -211,6 +211,7 @@ fn configured_identity(settings: &Settings) -> Identity {
         servo_report_cycles: settings.i19,
         motor_mask: motor_mask(settings),
         firmware: settings.firmware.as_deref().map(Into::into),
+        replay: matches!(settings.board, BoardSpec::Replay { .. }),
         ..Identity::default()
     };
     settings.motor_names.iter().for_each(|motor| motor.tell(&mut identity));

@@ -9,7 +9,7 @@ pub const MAGIC: u64 = u64::from_le_bytes(*b"PMACDPRM");
 /// Major version of this page.
 pub const ABI_MAJOR: u64 = 1;
 /// Minor version: additions since.
-pub const ABI_MINOR: u64 = 4;
+pub const ABI_MINOR: u64 = 5;
 /// The value of `byte_order`.
 pub const BYTE_ORDER: u64 = 0x0102_0304_0506_0708;
 /// Bytes of a word, the unit of every access.

@@ -171,6 +171,7 @@ fn an_identity_lies_as_its_table_says() {
         motor_mask: Some(0x8000_0001),
         firmware: Some("1.16D".into()),
         board_type: Some("PMAC1".into()),
+        replay: true,
         ..Identity::default()
     };
     (identity.ix07[1], identity.ix08[2], identity.ix09[31]) = (Some(-96), Some(97), Some(98));
@@ -181,7 +182,7 @@ fn an_identity_lies_as_its_table_says() {
     let at = offsets("Board");
     let u32_at = |at: usize| u32::from_ne_bytes(bytes[at..at + 4].try_into().unwrap());
     for (field, value) in [
-        ("known", 0xFFF),
+        ("known", 0x1FFF),
         ("family", 2),
         ("motors", 8),
         ("coordinate_systems", 16),

@@ -39,6 +39,7 @@ const BOARD_TYPE_BIT: u32 = 10;
 /// The place of each copy of the global status: 0 has the second word of `???` at 0x03C. The value is always 0; older
 /// clients read it.
 const GLOBAL_WORDS_BIT: u32 = 11;
+const REPLAY_BIT: u32 = 12;
 
 /// The unit in which the users of a motor think, from the configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -102,6 +103,8 @@ pub struct Identity {
     pub names: [Option<Text<NAME_BYTES>>; MOTORS],
     /// Each motor's unit in the configuration.
     pub units: [Option<UserUnit>; MOTORS],
+    /// The daemon replays a recording: there is no board, and nothing moves.
+    pub replay: bool,
 }
 
 /// The mask of motors 1 to `count`, in the form of [`Identity::motor_mask`].
@@ -124,7 +127,7 @@ impl Identity {
     #[must_use]
     pub fn encode(&self) -> [u8; BYTES] {
         let mut bytes = [0; BYTES];
-        let mut known: u32 = 1 << GLOBAL_WORDS_BIT;
+        let mut known: u32 = 1 << GLOBAL_WORDS_BIT | u32::from(self.replay) << REPLAY_BIT;
         let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
         for (bit, at, value) in [
             (0, AT_FAMILY, self.family),
@@ -228,6 +231,7 @@ impl Identity {
             ix60: scales(3),
             names: std::array::from_fn(|motor| Some(name(motor)).filter(|name| !name.is_empty())),
             units: std::array::from_fn(|motor| Some(unit(motor)).filter(has_scale)),
+            replay: is_known(REPLAY_BIT),
         })
     }
 }
@@ -257,6 +261,7 @@ mod tests {
             units: std::array::from_fn(|motor| {
                 (motor == 31).then(|| UserUnit { name: "sixteen-bytes-16".into(), counts_per_unit: -2.5 })
             }),
+            replay: true,
         }
     }
 
@@ -273,7 +278,7 @@ mod tests {
     fn every_field_lies_where_the_page_says() {
         let bytes = full().encode();
         let u32_at = |at: usize| u32::from_ne_bytes(bytes[at..at + 4].try_into().unwrap());
-        assert_eq!((u32_at(0), u32_at(0x3C)), (0xFFF, 0));
+        assert_eq!((u32_at(0), u32_at(0x3C)), (0x1FFF, 0));
         assert_eq!((u32_at(4), u32_at(8), u32_at(0xC)), (2, 8, 8));
         assert_eq!(u64::from_ne_bytes(bytes[0x10..0x18].try_into().unwrap()), 442_673_000);
         assert_eq!([0x18, 0x1C, 0x20, 0x24, 0x28].map(u32_at), [3_713_707, 0, 1, 1, 0x8000_00FF]);
