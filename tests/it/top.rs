@@ -118,6 +118,21 @@ fn running() -> VirtualSite {
     site
 }
 
+#[test]
+fn a_replay_says_so_in_the_title_of_every_page() {
+    let site = VirtualSite::new();
+    let recording = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/captures/simulator-pmac");
+    site.start_daemon_on(&format!("replay:{recording}"), &[]);
+    let mut seat = Seat::at(&site, &[]);
+    for (key, text) in [("", "a arms the jog keys"), ("s", "condition"), ("?", "suspend, until fg")] {
+        seat.types(key);
+        seat.sees(text);
+        assert!(seat.screen().starts_with(" REPLAY, no board"), "{}", seat.screen());
+    }
+    seat.types("q");
+    assert_eq!(seat.ended(), Some(0));
+}
+
 fn moves(site: &VirtualSite) -> bool {
     let motors = site.pmacctl(&["motors"]).1;
     motors.lines().any(|line| line.contains("#1 ") && line.contains("moving"))
@@ -130,6 +145,7 @@ fn the_screen_shows_the_board_and_is_taken_away() {
     for text in ["in-position", "following error of #1", "counters", "linear", "P1=0"] {
         seat.sees(text);
     }
+    assert!(!seat.shows("REPLAY"), "{}", seat.screen());
     site.connection().send("P1=7", PATIENCE).unwrap();
     seat.sees("P1=7");
     seat.types("s");

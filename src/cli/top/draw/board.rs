@@ -32,7 +32,7 @@ impl Picture<'_> {
     pub(super) fn board(&self, frame: &mut Frame<'_>, area: Rect) {
         let width = usize::from(area.width);
         let (health, motors, systems) = (self.health(width), self.motors(width), self.systems(width));
-        let watches = self.watches(width);
+        let mut watches = self.watches(width);
         let like = Rooms {
             health: rows(health.len()),
             motors: rows(motors.iter().map(Vec::len).sum()),
@@ -41,6 +41,7 @@ impl Picture<'_> {
             watches: rows(watches.len()),
         };
         let rooms = Rooms::share(area.height, like);
+        tell_of_the_rest(&mut watches, rooms.watches.into(), width);
         let mut y = area.y;
         let mut room = |height: u16| {
             let room = Rect { y, height, ..area };
@@ -127,7 +128,9 @@ impl Picture<'_> {
         let is_live = words.is_some_and(View::is_fresh);
         let values = words.iter().flat_map(|view| &view.data.words).map(|values| {
             let value = if is_live { user::text(values) } else { NOT_READ.to_owned() };
-            format!("{}={value}", &values.word.name[..])
+            let unit = values.values.as_ref().map_or("", |_| &values.word.unit[..]);
+            let unit = if is_live { unit } else { "" };
+            format!("{}={value} {unit}", &values.word.name[..]).trim_end().to_owned()
         });
         let watched = self.answer.map(|answer| &answer.watched);
         let asked = watched.iter().flat_map(|watched| &watched.values);
@@ -208,6 +211,18 @@ fn first_row(rows: &[Vec<String>], selected: usize, room: usize) -> usize {
         from = before;
     }
     from
+}
+
+/// Says at the end of the last of the `room` lines that more follow, if some do.
+fn tell_of_the_rest(lines: &mut [(String, Style)], room: usize, width: usize) {
+    let rest = lines.len().saturating_sub(room);
+    let Some((last, _)) = room.checked_sub(1).and_then(|last| lines.get_mut(last)).filter(|_| rest > 0)
+    else {
+        return;
+    };
+    let note = format!(" +{rest} more lines");
+    let kept = width.saturating_sub(note.len());
+    *last = format!("{:<kept$}{note}", last.chars().take(kept).collect::<String>());
 }
 
 /// The lines, wrapped to the width.

@@ -43,8 +43,8 @@ impl Look {
         self.coloured(Style::new().add_modifier(Modifier::BOLD), Color::Red)
     }
 
-    /// The keys are armed.
-    pub const fn armed(self) -> Style {
+    /// The style of armed keys and of a replay.
+    pub const fn warning(self) -> Style {
         self.coloured(
             Style::new().add_modifier(Modifier::BOLD).add_modifier(Modifier::REVERSED),
             Color::Yellow,

@@ -91,13 +91,18 @@ impl Picture<'_> {
     fn title(&self, frame: &mut Frame<'_>, area: Rect) {
         let update = self.snapshot.ok().and_then(|snapshot| snapshot.servo.as_ref());
         let update = update.map_or_else(String::new, |servo| format!("  update {}", servo.sequence));
-        let left = format!(" {}{update}", self.name);
+        let is_replay = self.snapshot.is_ok_and(|snapshot| snapshot.identity.replay);
+        let (replay, style) = match is_replay {
+            true => (" REPLAY, no board", self.look.warning()),
+            false => ("", self.look.title()),
+        };
+        let left = format!("{replay} {}{update}", self.name);
         let right = "? keys  q end ";
         let width = usize::from(area.width);
         let gap = width.saturating_sub(left.chars().count() + right.len());
         let text = if gap == 0 { left } else { format!("{left}{}{right}", " ".repeat(gap)) };
         put(frame, area, 0, &text, Style::new());
-        frame.buffer_mut().set_style(area, self.look.title());
+        frame.buffer_mut().set_style(area, style);
     }
 
     /// The motor that jogs or may jog.
@@ -130,7 +135,7 @@ impl Picture<'_> {
         if self.state.typed.is_none() {
             let armed =
                 Rect { width: rows(self.armed().len()).min(area.width), height: area.height.min(1), ..area };
-            frame.buffer_mut().set_style(armed, self.look.armed());
+            frame.buffer_mut().set_style(armed, self.look.warning());
         }
     }
 

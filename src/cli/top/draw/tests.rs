@@ -166,6 +166,34 @@ fn a_large_screen_has_more_of_it() {
 }
 
 #[test]
+fn a_replay_says_so_on_every_page_and_every_screen() {
+    let mut board = Board::of(&PMAC, 8);
+    board.snapshot.as_mut().unwrap().identity.replay = true;
+    assert_screen(&board, 80, 24, include_str!("screens/replay"));
+    for page in [Page::Board, Page::Status, Page::Help] {
+        board.state.page = page;
+        for (width, height) in [(80, 24), (40, 10), (20, 2)] {
+            let screen = board.screen(width, height);
+            assert!(screen[0].starts_with(" REPLAY, no board"), "{page:?}: {screen:#?}");
+        }
+    }
+    let title = |board: &Board| board.terminal(80, 24, true).backend().buffer()[(1, 0)].fg;
+    assert_eq!(title(&board), Color::Yellow);
+    board.snapshot.as_mut().unwrap().identity.replay = false;
+    assert_eq!(title(&board), Color::Reset);
+}
+
+#[test]
+fn values_that_the_screen_has_no_room_for_are_counted() {
+    let mut board = Board::of(&PMAC, 8);
+    let values = (0..200).map(|number| (format!("P{number}"), "1234567".to_owned()));
+    board.answer.as_mut().unwrap().watched.values = values.collect();
+    let screen = board.screen(80, 24);
+    assert!(screen[22].starts_with("P") && screen[22].ends_with(" +33 more lines"), "{screen:#?}");
+    assert!(screen.iter().any(|line| line.starts_with("P0=1234567  P1=1234567")), "{screen:#?}");
+}
+
+#[test]
 fn a_small_screen_keeps_the_motors() {
     let mut board = Board::of(&PMAC, 8);
     board.state.selected = 8;
@@ -250,7 +278,7 @@ fn words_of_the_site_stand_before_the_watches_and_old_ones_have_no_value() {
         let screen = board.screen(80, 24);
         assert!(screen.iter().any(|shown| shown == line), "{screen:#?}");
     };
-    shown(&board, "count=-7  pair=1 2  held=not whole  P1=5");
+    shown(&board, "count=-7 mm  pair=1 2 mm  held=not whole  P1=5");
     board.snapshot.as_mut().unwrap().user.as_mut().unwrap().stale =
         Some(Staleness::NoUpdates { age_ns: 2_000_000_000 });
     shown(&board, &format!("count={NOT_READ}  pair={NOT_READ}  held={NOT_READ}  P1=5"));
