@@ -4,13 +4,15 @@ use std::fmt::Write as _;
 
 use pmac_dpram::client::View;
 use pmac_dpram::decode::servo::is_field;
-use pmac_dpram::decode::{Quantity, ServoData, ServoMotor};
+use pmac_dpram::decode::{ServoData, ServoMotor};
 use pmac_dpram::map::FAMILIES;
 
 use crate::feed::Batch;
 
 /// More traces than a picture can show.
 const TRACES: usize = 16;
+
+const COMMANDED: &str = "commanded_position";
 
 /// A value of a motor.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -52,13 +54,13 @@ impl Traces {
         json.push_str("],\"v\":[");
         for (index, trace) in self.0.iter().enumerate() {
             json.push_str(if index == 0 { "[" } else { ",[" });
-            let numbers = batch.updates.iter().map(|update| trace.quantity(&update.data.motors)?.number());
+            let numbers = batch.updates.iter().map(|update| trace.number(&update.data.motors)?);
             list(&mut json, numbers);
             json.push(']');
         }
         let is_unscaled = |update: &View<ServoData>| {
-            let mut quantities = self.0.iter().filter_map(|trace| trace.quantity(&update.data.motors));
-            quantities.any(|quantity| quantity.number().is_none())
+            let mut numbers = self.0.iter().filter_map(|trace| trace.number(&update.data.motors));
+            numbers.any(|number| number.is_none())
         };
         let unscaled = batch.updates.last().is_some_and(is_unscaled);
         let stale = batch.stale.map(|stale| stale.to_string());
@@ -71,9 +73,16 @@ impl Traces {
 }
 
 impl Trace {
-    fn quantity(&self, motors: &[ServoMotor]) -> Option<Quantity> {
+    /// The value in an update: `None` if the update lacks it, `Some(None)` while its scale is not known.
+    fn number(&self, motors: &[ServoMotor]) -> Option<Option<f64>> {
         let motor = motors.iter().find(|motor| motor.motor == self.motor)?;
-        motor.quantities()[motor.place(&self.field)?]
+        let number = |field: &str| motor.quantities()[motor.place(field)?].map(|quantity| quantity.number());
+        if motor.place(&self.field).is_some() || self.field != COMMANDED {
+            return number(&self.field);
+        }
+        // A Turbo PMAC reports no commanded position (Turbo User Manual p. 402): its following error has it.
+        let (actual, error) = (number("actual_position")?, number("following_error")?);
+        Some(actual.zip(error).map(|(actual, error)| actual + error))
     }
 }
 
