@@ -12,6 +12,7 @@ use tokio::sync::{broadcast, watch};
 
 use crate::board::Place;
 use crate::state;
+use crate::watch::Watched;
 
 /// How often the thread hands updates on.
 const PAUSE: Duration = Duration::from_millis(40);
@@ -52,12 +53,13 @@ impl Feed {
     ///
     /// # Errors
     /// The system starts no thread.
-    pub fn start(place: Place) -> std::io::Result<Self> {
+    pub fn start(place: Place, watched: watch::Receiver<Watched>) -> std::io::Result<Self> {
         let first = state::absent(&place.label(), "pmac-web has not looked yet");
         let (sender, state) = watch::channel(first);
         let (batches, _) = broadcast::channel(BEHIND);
         let feed = Self { state, batches: batches.clone() };
-        thread::Builder::new().name("feed".to_owned()).spawn(move || follow(&place, &sender, &batches))?;
+        let out = Out { state: sender, batches, watched };
+        thread::Builder::new().name("feed".to_owned()).spawn(move || follow(&place, &out))?;
         Ok(feed)
     }
 
@@ -68,17 +70,24 @@ impl Feed {
     }
 }
 
-fn follow(place: &Place, state: &watch::Sender<Arc<str>>, batches: &broadcast::Sender<Arc<Batch>>) {
+/// The thread's side of the feed.
+struct Out {
+    state: watch::Sender<Arc<str>>,
+    batches: broadcast::Sender<Arc<Batch>>,
+    watched: watch::Receiver<Watched>,
+}
+
+fn follow(place: &Place, out: &Out) {
     let mut told = None;
-    while !state.is_closed() {
+    while !out.state.is_closed() {
         let ended = place.attach().and_then(|mut board| {
             info!("board {}", board.name().as_str());
             told = None;
-            read(&mut board, state, batches)
+            read(&mut board, out)
         });
         let Err(why) = ended else { return };
         let why = why.to_string();
-        state.send_replace(state::absent(&place.label(), &why));
+        out.state.send_replace(state::absent(&place.label(), &why));
         // Warn once: the board may be absent for days.
         if told.as_ref() != Some(&why) {
             warn!("{why}");
@@ -89,23 +98,19 @@ fn follow(place: &Place, state: &watch::Sender<Arc<str>>, batches: &broadcast::S
 }
 
 /// Reads `board` until no client listens any more, or until reading fails.
-fn read(
-    board: &mut Board,
-    state: &watch::Sender<Arc<str>>,
-    batches: &broadcast::Sender<Arc<Batch>>,
-) -> Result<(), ClientError> {
+fn read(board: &mut Board, out: &Out) -> Result<(), ClientError> {
     let mut state_due = Instant::now();
     let mut next = None;
-    while !state.is_closed() {
+    while !out.state.is_closed() {
         let now = Instant::now();
         if now >= state_due {
             state_due = now + STATE;
-            state.send_replace(state::of(board)?);
+            out.state.send_replace(state::of(board, &out.watched.borrow())?);
         }
         // Decodes every update only for clients with a scope.
-        next = if batches.receiver_count() > 0 {
+        next = if out.batches.receiver_count() > 0 {
             let (batch, after) = batch(board, next)?;
-            let _ = batches.send(Arc::new(batch));
+            let _ = out.batches.send(Arc::new(batch));
             Some(after)
         } else {
             None

@@ -1,13 +1,14 @@
-//! A board in a browser, and its numbers for Prometheus. This program only reads, and only the daemon's shared memory.
+//! A board in a browser, and its numbers for Prometheus. This program only reads.
 //!
 //! ```text
 //! segment → feed (one thread) → state (JSON, 5 a second) ⇒ /state, /events → the page
 //!                             → batches of updates       ⇒ /scope          → the page's scope
 //! segment → metrics           → text                     ⇒ /metrics        → Prometheus       (⇒ = network)
+//! socket  → watch             → state
 //! ```
 //!
 //! However many clients come, and whatever they do, this program reads the segment once for all pages, and once more
-//! for each scrape of `/metrics`. It never asks the board.
+//! for each scrape of `/metrics`. It asks the board only for the variables that its command line names, once a second.
 
 pub mod board;
 pub mod feed;
@@ -19,3 +20,4 @@ pub mod places;
 pub mod scope;
 pub mod server;
 pub mod state;
+pub mod watch;

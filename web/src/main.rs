@@ -8,7 +8,7 @@ use log::{LevelFilter, info, warn};
 use pmac_dpram::usage::usage;
 use pmac_web::feed::Feed;
 use pmac_web::options::Options;
-use pmac_web::server;
+use pmac_web::{server, watch};
 use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
 
@@ -47,7 +47,9 @@ fn run(options: &Options) -> Result<(), String> {
         let signals = |kind| signal(kind).map_err(|error| format!("signals: {error}"));
         let (mut interrupt, mut terminate) =
             (signals(SignalKind::interrupt())?, signals(SignalKind::terminate())?);
-        let feed = Feed::start(place.clone()).map_err(|error| format!("a thread: {error}"))?;
+        let thread = |error| format!("a thread: {error}");
+        let watched = watch::start(place.clone(), options.watch().to_vec()).map_err(thread)?;
+        let feed = Feed::start(place.clone(), watched).map_err(thread)?;
         if !address.ip().is_loopback() {
             warn!(
                 "{address} is no loopback address: there is no encryption and no password, and whoever reaches it sees the machine"

@@ -8,6 +8,7 @@ use pmac_dpram::segment::{SegmentError, SegmentName};
 
 use crate::board::Place;
 use crate::hosts::Hosts;
+use crate::watch::variable;
 
 /// The board that the program shows if the user names none.
 const DEFAULT_NAME: &str = "pmac0";
@@ -35,6 +36,10 @@ pub struct Options {
     /// no naming; by any other name nothing is answered, for that may be a page that has its own name lead here
     #[arg(long, value_name = "NAME")]
     host: Vec<String>,
+    /// I-, P- and Q-variables to show, as P1,Q5: pmac-web asks the board for them once a second. Q belongs to the coordinate
+    /// system that is addressed
+    #[arg(long, value_name = "VARIABLE", value_delimiter = ',', value_parser = variable)]
+    watch: Vec<String>,
 }
 
 impl Options {
@@ -48,6 +53,12 @@ impl Options {
     #[must_use]
     pub fn hosts(&self) -> Hosts {
         Hosts::new(&self.host)
+    }
+
+    /// The variables to show.
+    #[must_use]
+    pub fn watch(&self) -> &[String] {
+        &self.watch
     }
 
     /// Which board to show.
@@ -83,7 +94,10 @@ mod tests {
         assert_eq!(label("pmac-web --socket /x.sock"), "/x.sock");
         assert_eq!(label("pmac-web --socket /x.sock --name rig"), "rig");
         assert_eq!(label("pmac-web"), DEFAULT_NAME);
-        for wrong in ["--listen nowhere", "--listen 127.0.0.1", "--read-only"] {
+        let options = Options::try_parse_from(["pmac-web", "--watch", "p1,Q5", "--watch", "I122"]).unwrap();
+        assert_eq!(options.watch(), ["P1", "Q5", "I122"]);
+        for wrong in ["--listen nowhere", "--listen 127.0.0.1", "--read-only", "--watch M1", "--watch P1,,P2"]
+        {
             assert!(Options::try_parse_from(["pmac-web"].into_iter().chain(wrong.split(' '))).is_err());
         }
     }

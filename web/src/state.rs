@@ -2,10 +2,13 @@
 
 use std::sync::Arc;
 
-use pmac_dpram::client::{Board, ClientError, Motor, View, identity};
+use pmac_dpram::client::{Board, ClientError, Motor, Staleness, View, identity};
 use pmac_dpram::decode::{BackgroundData, ServoData};
 use pmac_dpram::map::DEFAULT_FAMILY;
+use pmac_dpram::protocol::board::REPLAY_OVER;
 use serde_json::{Map, Value, json};
+
+use crate::watch::Watched;
 
 /// The state without a board: `why` says what to do.
 #[must_use]
@@ -17,7 +20,7 @@ pub fn absent(name: &str, why: &str) -> Arc<str> {
 ///
 /// # Errors
 /// [`ClientError`].
-pub fn of(board: &mut Board) -> Result<Arc<str>, ClientError> {
+pub fn of(board: &mut Board, watched: &Watched) -> Result<Arc<str>, ClientError> {
     let snapshot = board.snapshot()?;
     let identity = &snapshot.identity;
     let known = identity::family(identity);
@@ -44,10 +47,13 @@ pub fn of(board: &mut Board) -> Result<Arc<str>, ClientError> {
         subscriber.counters().map(|(counter, count)| (counter.name().to_owned(), json!(count))).collect();
     let old = snapshot.old().map(|(name, stale)| format!("{name} data: {stale}"));
     let reason = snapshot.stale.map(|stale| stale.to_string()).or(old);
+    let is_over = identity.replay && matches!(snapshot.stale, Some(Staleness::BoardSilent));
+    let reason = if is_over { Some(REPLAY_OVER.to_owned()) } else { reason };
     Ok(text(&json!({
         "name": board.name().as_str(),
         "condition": if reason.is_some() { "stale" } else { "live" },
         "reason": reason,
+        "replay": identity.replay,
         "family": identity.family.and(known).map(|family| family.name),
         "type": identity.board_type,
         "firmware": identity.firmware,
@@ -60,6 +66,7 @@ pub fn of(board: &mut Board) -> Result<Arc<str>, ClientError> {
         "motors": motors,
         "coordinate_systems": systems,
         "words": words,
+        "watched": watched.document(),
         "regions": regions,
         "counters": counters,
     })))

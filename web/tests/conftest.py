@@ -1,5 +1,6 @@
 """A simulated board, pmacd and pmac-web as processes, and a browser without a screen."""
 
+import copy
 import os
 import pathlib
 import re
@@ -84,6 +85,16 @@ def moving():
 def board():
     """A board of one's own."""
     yield from shown()
+
+
+@pytest.fixture
+def watching(moving):
+    """The moving board on another page, which watches variables."""
+    page = copy.copy(moving)
+    moving.send("P1=12.5 P2=-7")
+    web = page.start("--watch", "P1,p2", "--watch", "I122")
+    yield page
+    web.kill()
 
 
 @pytest.fixture

@@ -57,6 +57,29 @@ def test_the_state_has_the_words_of_the_sites_programs(moving):
     assert state()["user"]["fresh"]
 
 
+def test_the_state_has_the_variables_of_the_command_line_until_nobody_answers(watching):
+    def state():
+        return json.loads(watching.get("/state"))["watched"]
+
+    values = [{"name": "P1", "value": "12.5"}, {"name": "P2", "value": "-7"}]
+    until(lambda: state()["values"][:2] == values and state()["reason"] is None, "the variables")
+    watching.send("P1=13")
+    until(lambda: state()["values"][0]["value"] == "13", "the new value")
+    # The board takes no question while a program buffer is open.
+    board = watching.site.connect()
+    board.command("OPEN PLC 9 CLEAR")
+    until(lambda: "PLC 9" in (state()["reason"] or ""), "the reason")
+    assert [value["value"] for value in state()["values"]] == [None] * 3
+    board.command("CLOSE")
+    until(lambda: state()["reason"] is None, "the variables again")
+
+
+def test_an_m_variable_is_refused_at_the_start(moving):
+    place = ["--name", moving.site.name, "--socket", moving.site.socket, "--listen", "127.0.0.1:0"]
+    refused = subprocess.run([PROGRAMS / "pmac-web", *place, "--watch", "M1"], capture_output=True, text=True, timeout=30)
+    assert refused.returncode == 2 and "[[user]]" in refused.stderr, refused.stderr
+
+
 def test_an_escape_sequence_in_the_boards_type_is_seen_in_its_label(board):
     site = board.site
     recording = site.directory / "recording"
