@@ -60,7 +60,8 @@ function motors(state) {
     const user = motor.user;
     const position = user && user.actual_position !== null ? `${user.actual_position.toFixed(4)} ${user.unit}` : '';
     return [
-      cell(`#${motor.motor}`), cell(motor.name || '', 'text'),
+      // On a telephone the flags lie off the screen.
+      cell(`#${motor.motor}`, !old && motor.words.some((word) => FAULTS.includes(word)) ? 'bad' : ''), cell(motor.name || '', 'text'),
       cell(number(motor.actual_position, 1), old), cell(position, old),
       cell(number(motor.following_error, 1), old), cell(number(motor.velocity, 1), old),
       old ? cell(NOT_READ, 'text') : flags(motor.words),
@@ -88,13 +89,22 @@ function systems(state) {
   }));
 }
 
+/** The words of `[[user]]` tables, and the variables that pmac-web asks the board for. */
 function words(state) {
   const old = state.user && state.user.fresh ? '' : 'old';
-  const own = state.words || [];
-  by('own').hidden = own.length === 0;
-  rows('words', own.map(({ name, value, unit }) => [
+  const own = (state.words || []).map(({ name, value, unit }) => [
     cell(name, 'text'), cell(value === null ? 'not whole' : [value].flat().join(' '), old), cell(unit || '', 'text'),
-  ]));
+  ]);
+  const { values, reason } = state.watched || { values: [] };
+  // A recording that is over still answers.
+  const askedOld = reason || (state.replay && state.condition !== 'live') ? 'old' : '';
+  const asked = values.map(({ name, value }) => [
+    cell(name, 'text'), cell(value === null ? NOT_READ : value, askedOld),
+    cell(name.startsWith('Q') ? 'of the addressed system' : '', 'text'),
+  ]);
+  by('own').hidden = own.length + asked.length === 0;
+  by('unasked').textContent = reason ? `Variables: ${reason}` : '';
+  rows('words', [...own, ...asked]);
 }
 
 function list(id, entries) {
@@ -122,9 +132,12 @@ function health(state) {
 /** Shows a state, or that there is none. */
 function show(state) {
   by('name').textContent = state.name;
-  document.title = `PMAC ${state.name}: ${state.condition}`;
-  by('condition').textContent = state.condition;
-  by('condition').className = state.condition === 'live' ? 'badge live' : 'badge';
+  // Nothing of a recording is live.
+  const condition = state.replay && state.condition === 'live' ? 'replay' : state.condition;
+  document.title = `${state.replay ? 'REPLAY ' : ''}PMAC ${state.name}: ${condition}`;
+  by('replay').hidden = !state.replay;
+  by('condition').textContent = condition;
+  by('condition').className = `badge ${condition}`;
   by('board').textContent = [state.type, state.family, state.firmware].filter(Boolean).join(', ');
   by('reason').textContent = state.reason || '';
   motors(state);
@@ -145,6 +158,6 @@ events.onerror = () => {
   const old = (part) => (part ? { ...part, fresh: false } : part);
   const why = 'pmac-web does not answer: what is shown is old';
   last = { ...last, condition: 'disconnected', reason: why, servo: old(last.servo), background: old(last.background),
-    user: old(last.user) };
+    user: old(last.user), watched: last.watched && { ...last.watched, reason: why } };
   show(last);
 };

@@ -3,7 +3,8 @@
 
 const scope = (() => {
   const own = (id) => document.getElementById(id);
-  const COLOURS = ['#2563eb', '#d9480f', '#0f7b45', '#9333ea', '#b58900', '#0891b2', '#be185d', '#4d7c0f'];
+  // Each is to be seen on a light and on a dark page.
+  const COLOURS = ['#3b82f6', '#e8590c', '#12a150', '#a855f7', '#b58900', '#0ea5b7', '#e0467c', '#6b9b1e'];
   const UNITS = {
     commanded_position: 'counts', actual_position: 'counts', master_position: 'counts of the master', following_error: 'counts of error',
     compensation_position: 'counts', position_bias: 'counts', velocity: 'counts/s', actual_velocity: 'counts per servo cycle',
@@ -30,8 +31,10 @@ const scope = (() => {
   let xLabel = 'time (s)';
   let offered = '';
 
+  const height = () => Math.max(220, Math.min(380, window.innerHeight * 0.4));
   const span = () => Number(own('span').value);
   const unit = (trace) => UNITS[trace.split('.')[1]] || '';
+  const label = (trace) => `#${trace.replace('.', ' ').replaceAll('_', ' ')}`;
   const tell = (text) => { own('told').textContent = text; };
 
   /** Begins with nothing. */
@@ -66,7 +69,8 @@ const scope = (() => {
     xLabel = batch.cycles ? 'time (servo cycles)' : 'time (s)';
     lost += batch.lost;
     const said = [];
-    if (batch.stale) said.push(`STALE: ${batch.stale}`);
+    // The head of the page says why.
+    if (batch.stale) said.push('STALE: no updates come');
     if (batch.unscaled) said.push('a trace has no values: the board has not told the scale of its motor (Ix08, Ix09)');
     if (lost) said.push(`${lost} updates lost`);
     tell(said.join('; '));
@@ -139,23 +143,26 @@ const scope = (() => {
     const ink = style.getPropertyValue('--ink');
     const grid = { stroke: style.getPropertyValue('--line'), width: 1 };
     // Room for the longest number beside the label.
-    const size = (_, numbers) => 56 + 7 * Math.max(2, ...(numbers ?? []).map((number) => number.length));
-    const axis = { stroke: ink, grid, ticks: grid, size };
+    const size = (_, numbers) => 16 + 7 * Math.max(2, ...(numbers ?? []).map((number) => number.length));
+    const axis = { stroke: ink, grid, ticks: { ...grid, size: 6 }, size, labelSize: 18 };
+    // The actual position lies on the commanded one, which shows at both sides of it.
+    const width = (trace) => (trace.endsWith('.commanded_position') ? 4 : 1.5);
     const series = traces.map((trace, index) => ({
-      label: `#${trace.replace('.', ' ').replaceAll('_', ' ')} (${unit(trace) || 'raw'})`,
-      stroke: COLOURS[index % COLOURS.length], width: 1.5, scale: unit(trace), spanGaps: false,
-      value: (_, value) => (value === null || value === undefined ? '–' : value.toFixed(2)),
+      stroke: COLOURS[index % COLOURS.length], width: width(trace), scale: unit(trace), spanGaps: false,
     }));
     const axes = units.map((name, index) => ({
       ...axis, scale: name, label: name || 'raw', side: index ? 1 : 3, grid: index ? { show: false } : grid,
     }));
     const limits = Object.fromEntries(units.map((name) => [name, { auto: true, range: range }]));
     plot = new uPlot({
-      width: own('plot').clientWidth, height: 380,
+      width: own('plot').clientWidth, height: height(),
       scales: { x: { time: false }, ...limits },
-      series: [{ label: 'time', value: (_, time) => (time === null || time === undefined ? '–' : time.toFixed(4)) }, ...series],
-      axes: [{ ...axis, size: 50, label: xLabel }, ...axes],
+      series: [{}, ...series],
+      axes: [{ ...axis, size: 28, label: xLabel }, ...axes],
+      legend: { show: false },
+      hooks: { setCursor: [tellValues] },
     }, [[], ...traces.map(() => [])], own('plot'));
+    dirty = true;
   }
 
   /** A little room around the values; a steady one lies in the middle. */
@@ -165,11 +172,23 @@ const scope = (() => {
     return [low - room, high + room];
   }
 
+  /** The values at the cursor, else the latest, on the traces' buttons. */
+  function tellValues({ data: [time, ...all], cursor } = plot) {
+    const at = Math.min(cursor.idx ?? Infinity, time.length - 1);
+    own('at').textContent = cursor.idx == null || !time.length ? '' : `at ${time[at].toFixed(4)}`;
+    all.forEach((trace, index) => {
+      const value = trace[at];
+      const shown = value === null || value === undefined ? '–' : value.toFixed(2);
+      own('traces').children[index].textContent = `${label(traces[index])} ${shown} ${unit(traces[index]) || 'raw'} ×`;
+    });
+  }
+
   function draw() {
     if (!plot || !dirty) return;
     dirty = false;
     if (!times.length) {
       plot.setData([[], ...traces.map(() => [])]);
+      tellValues();
       return;
     }
     const end = frozen ? frozen[1] : times[times.length - 1];
@@ -180,6 +199,7 @@ const scope = (() => {
     const shown = times.slice(from, to).map((time) => time - zero);
     plot.setData([shown, ...values.map((trace) => trace.slice(from, to))], true);
     plot.setScale('x', { min: begin - zero, max: end - zero });
+    tellValues();
   }
 
   /** The first sample at or after `time`. */
@@ -197,14 +217,13 @@ const scope = (() => {
     const buttons = traces.map((trace, index) => {
       const button = document.createElement('button');
       button.type = 'button';
-      button.textContent = `#${trace.replace('.', ' ').replaceAll('_', ' ')} ×`;
       button.title = 'remove this trace';
       button.style.borderLeftColor = COLOURS[index % COLOURS.length];
       button.onclick = () => choose(traces.filter((other) => other !== trace));
       return button;
     });
     own('traces').replaceChildren(...buttons);
-    own('source').replaceChildren(...traces.map((trace, index) => new Option(`#${trace.replaceAll('_', ' ')}`, index)));
+    own('source').replaceChildren(...traces.map((trace, index) => new Option(label(trace), index)));
     connect();
     build();
   }
@@ -223,12 +242,18 @@ const scope = (() => {
     const trace = `${own('motor').value}.${own('field').value}`;
     if (own('field').value && !traces.includes(trace) && traces.length < COLOURS.length) choose([...traces, trace]);
   };
-  window.addEventListener('resize', () => plot && plot.setSize({ width: own('plot').clientWidth, height: 380 }));
+  window.addEventListener('resize', () => plot && plot.setSize({ width: own('plot').clientWidth, height: height() }));
+  window.matchMedia('(prefers-color-scheme: dark)').addEventListener('change', build);
+  // A telephone has no room for them.
+  if (window.innerWidth < 700) document.querySelector('details').open = false;
   setInterval(draw, FRAME_MS);
 
   return {
     /** What the plot shows: the times, and the values of each trace. */
     shown: () => (plot ? plot.data : []),
+
+    /** The axis of each trace. */
+    scales: () => plot.series.slice(1).map((series) => series.scale),
 
     /** The motors and values that there are to choose from. */
     offer(motors) {
@@ -236,10 +261,12 @@ const scope = (() => {
       if (!numbers.length || String(numbers) === offered) return;
       offered = String(numbers);
       const first = motors[0];
-      const fields = Object.keys(UNITS).filter((field) => field in first);
-      own('motor').replaceChildren(...numbers.map((number) => new Option(`#${number}`, number)));
+      // pmac-web works out a commanded position that the board does not report.
+      const fields = Object.keys(UNITS).filter((field) => field in first || field === 'commanded_position');
+      own('motor').replaceChildren(...motors.map(({ motor, name }) => new Option(`#${motor} ${name || ''}`, motor)));
       own('field').replaceChildren(...fields.map((field) => new Option(field.replaceAll('_', ' '), field)));
-      if (!traces.length) choose([`${numbers[0]}.actual_position`, `${numbers[0]}.following_error`]);
+      const shown = ['commanded_position', 'actual_position', 'following_error'];
+      if (!traces.length) choose(shown.map((field) => `${numbers[0]}.${field}`));
     },
   };
 })();

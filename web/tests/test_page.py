@@ -1,10 +1,15 @@
 """The page in a browser."""
 
+import contextlib
 import json
+import pathlib
 
+import pytest
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
-from board_of_processes import until
+from board_of_processes import PROGRAMS, until
+
+CAPTURE = pathlib.Path(__file__).parents[2] / "tests" / "captures" / "simulator-pmac"
 
 
 def text(browser, selector):
@@ -20,6 +25,17 @@ def rows(browser, table):
 def open_page(browser, own):
     browser.get(own.url)
     until(lambda: text(browser, "#condition") == "live", "a live page")
+
+
+@contextlib.contextmanager
+def window(browser, width, height):
+    """A window of this size, also smaller than a desktop's windows can be."""
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 700}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    try:
+        yield
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def shown(browser):
@@ -50,7 +66,7 @@ def test_the_scope_shows_every_update_of_the_traces(moving, browser):
     counters = json.loads(moving.get("/state"))["counters"]
     open_page(browser, moving)
     until(lambda: span(shown(browser)[0]) > 1.9, "two seconds of updates")
-    times, position, error = shown(browser)
+    times, commanded, position, error = shown(browser)
     # The state is taken five times a second.
     until(lambda: json.loads(moving.get("/state"))["counters"]["updates"] > counters["updates"] + len(times), "a later state")
     after = json.loads(moving.get("/state"))["counters"]
@@ -59,11 +75,15 @@ def test_the_scope_shows_every_update_of_the_traces(moving, browser):
     assert absent <= after["missed"] - counters["missed"] + after["skipped"] - counters["skipped"], "what pmacd read is shown"
     assert max(position) - min(position) > 1000, "the motor moves"
     assert max(error) > 0 > min(error)
+    assert max(commanded) - min(commanded) > 1000
+    scales = browser.execute_script("return scope.scales()")
+    assert scales[0] == scales[1] != scales[2], "commanded and actual position are on one axis"
     Select(browser.find_element(By.ID, "field")).select_by_value("velocity")
     browser.find_element(By.ID, "add").click()
-    until(lambda: len(shown(browser)) == 4 and len(shown(browser)[3]) > 100, "the velocity")
-    browser.find_elements(By.CSS_SELECTOR, "#traces button")[2].click()
-    until(lambda: len(shown(browser)) == 3, "the velocity to go")
+    until(lambda: len(shown(browser)) == 5 and len(shown(browser)[4]) > 100, "the velocity")
+    until(lambda: "counts/s" in text(browser, "#traces button:last-child"), "its unit and value")
+    browser.find_elements(By.CSS_SELECTOR, "#traces button")[3].click()
+    until(lambda: len(shown(browser)) == 4, "the velocity to go")
 
 
 def test_the_trigger_holds_a_picture(moving, browser):
@@ -75,7 +95,7 @@ def test_the_trigger_holds_a_picture(moving, browser):
     Select(browser.find_element(By.ID, "mode")).select_by_value("single")
     until(lambda: text(browser, "#run") == "run", "a single picture")
     until(lambda: max(shown(browser)[0], default=0) > 0.39, "its samples")
-    times, position, _ = shown(browser)
+    times, position, *_ = shown(browser)
     after = next(index for index, time in enumerate(times) if time >= -1e-9)
     assert position[after - 1] < 1000 <= position[after], "it rises past the level at time 0"
     assert times[0] < -0.09
@@ -102,3 +122,46 @@ def test_a_turbo_board_has_its_motors(turbo, browser):
     assert not browser.find_element(By.ID, "own").is_displayed(), "words that no configuration names"
     assert "turbo2" in text(browser, "#board")
     assert len(rows(browser, "systems")) == 16
+    # The board reports no commanded position.
+    until(lambda: span(shown(browser)[0]) > 0.5, "half a second of updates")
+    _, commanded, actual, error = shown(browser)
+    assert all(abs(c - a - e) < 1e-6 for c, a, e in zip(commanded, actual, error)) and len(commanded) == len(error)
+
+
+@pytest.mark.parametrize("width, height", [(1300, 900), (390, 844)])
+def test_32_motors_and_the_scope_have_room(turbo, browser, width, height):
+    with window(browser, width, height):
+        open_page(browser, turbo)
+        until(lambda: len(rows(browser, "motors")) == 32, "32 motors")
+        place = "const place = document.querySelector(arguments[0]).getBoundingClientRect(); return place.toJSON()"
+        plot, row = (browser.execute_script(place, part) for part in ("#plot canvas", "#motors tbody tr:last-child"))
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+        assert plot["left"] >= 0 and plot["right"] <= width and plot["width"] > 340 and plot["height"] > 200
+        assert plot["bottom"] <= height, "the scope is seen at once"
+        assert plot["left"] >= row["right"] or plot["bottom"] <= row["top"], "it covers no motor"
+        if width > 1000:
+            assert row["bottom"] <= height, "all motors are seen beside it"
+        else:
+            browser.execute_script("window.scrollTo(0, 2000)")
+        assert text(browser, "#condition") == "live"
+        badge = browser.execute_script(place, "#condition")
+        assert 0 <= badge["top"] and badge["bottom"] <= height, "the condition stays in sight"
+
+
+def test_variables_stand_beside_the_words(watching, browser):
+    open_page(browser, watching)
+    until(lambda: rows(browser, "words")[2:] == ["P1 12.5 ", "P2 -7 ", "I122 32 "], "the variables")
+    assert rows(browser, "words")[0] == "count -7 part" and text(browser, "#unasked") == ""
+
+
+def test_a_replay_says_so_and_is_never_live(board, browser):
+    site = board.site
+    site.kill_daemon()
+    place = ("--name", site.name, "--socket", site.socket)
+    site.daemon = site.run(PROGRAMS / "pmacd", "--board", f"replay:{CAPTURE}", *place)
+    browser.get(board.url)
+    until(lambda: text(browser, "#condition") in ("replay", "stale"), "the recording")
+    until(lambda: text(browser, "#replay").startswith("REPLAY"), "the bar")
+    assert browser.title.startswith("REPLAY")
+    until(lambda: "the recording is over" in text(browser, "#reason"), "the end")
+    assert text(browser, "#replay").startswith("REPLAY")
