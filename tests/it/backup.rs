@@ -151,3 +151,57 @@ fn axes_and_programs_are_backed_up_compared_and_put_back() {
     assert!(ran.code == Some(1) && ran.stderr.contains("password protects"), "{ran:?}");
     site.assert_no_violations();
 }
+
+/// The stations on a Turbo board's MACRO ring have variables of their own.
+#[test]
+fn variables_of_macro_stations_are_backed_up_compared_and_put_back() {
+    let site = VirtualSite::configured(&["--family", "turbo2", "--macro"], "family = \"turbo2\"\n");
+    site.wait_for_identity();
+    // One station serves nodes 0 and 1 of the first MACRO IC, one its node 4, and one node 17 of the second IC.
+    site.ask("I6841=$FC013 I21=$79400 I6891=$FC002");
+    site.ask("MS0,MI996=$FC003 MS0,MI71=$10C0A0208800 MS0,MI910=7 MS1,MI912=3 MS4,MI8=5 MS17,MI910=2");
+    let path = site.path("stations.pmc");
+    let path = path.to_str().unwrap();
+    let saved = || {
+        assert_eq!(site.run(&["backup", "--what", "MS", "-o", path]).code, Some(0));
+        let saved = std::fs::read_to_string(path).unwrap();
+        saved.lines().filter(|line| !line.starts_with(';')).map(str::to_owned).collect::<Vec<_>>()
+    };
+    let lines = saved();
+    for line in [
+        "MS0,MI996=$FC003",
+        "MS0,MI71=$10C0A0208800",
+        "MS0,MI910=$7",
+        "MS1,MI912=$3",
+        "MS4,MI8=$5",
+        "MS17,MI910=$2",
+    ] {
+        assert!(lines.iter().any(|saved| saved == line), "{line}");
+    }
+    let at = |node: u8| lines.iter().filter(|line| line.starts_with(&format!("MS{node},"))).count();
+    assert!(at(0) > 100 && at(0) == at(4) && at(0) == at(17), "{} {} {}", at(0), at(4), at(17));
+    assert_eq!((at(1), at(5), at(16)), (14, 0, 0), "{lines:?}");
+    let part = site.file("part.pmc", "ms0,i71=$10C0A0208800\nMS17,MI910=2\nMS1,MI912=3\n");
+    assert_eq!(site.run(&["diff", &part]).code, Some(0));
+
+    site.ask("MS0,MI71=0 MS17,I910=1");
+    let differs = site.run(&["diff", path]);
+    let expected = "-MS0,MI71=$10C0A0208800\n+MS0,MI71=$0\n-MS17,MI910=$2\n+MS17,MI910=$1\n";
+    assert_eq!((differs.stdout.as_str(), differs.code), (expected, Some(1)));
+    let restored = site.run(&["restore", path, "--yes"]);
+    assert_eq!((restored.stderr.as_str(), restored.code), ("", Some(0)), "{restored:?}");
+    assert_eq!(site.run(&["diff", path]).stdout, "");
+    site.assert_no_violations();
+
+    let without = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+    without.wait_for_identity();
+    without.ask("I6841=$FC013");
+    let differs = without.run(&["diff", &part]);
+    let expected = "-MS0,MI71=$10C0A0208800\n-MS1,MI912=3\n-MS17,MI910=2\n";
+    assert_eq!((differs.stdout.as_str(), differs.code), (expected, Some(1)));
+    let restored = without.run(&["restore", &part, "--yes"]);
+    assert!(restored.code == Some(1) && restored.stderr.contains("ERR008"), "{restored:?}");
+    let ran = without.run(&["backup", "--what", "MS"]);
+    assert!(ran.code == Some(0) && !ran.stdout.contains("MS"), "{ran:?}");
+    without.assert_no_violations();
+}

@@ -120,11 +120,11 @@ pub enum Command {
     Terminal(Terminal),
     /// Send a program or command file line by line. Removes comments and resolves #include and #define
     Download(Download),
-    /// Save the board's variables as sorted lines that can be sent again
+    /// Save the board's variables, axis definitions and programs as lines that can be sent again
     Backup(Backup),
-    /// Show the differences between a file of variables and the board or another file
+    /// Show the differences between a file that backup wrote and the board or another file
     Diff(Diff),
-    /// Send the lines of a file of variables that differ from the board's values, after asking
+    /// Send the lines of a backup's file that differ from the board's values, after asking
     Restore(Restore),
     /// Show and explain the lines that set up a board; --send sends them
     Setup(Setup),

@@ -38,13 +38,13 @@ pub struct Backup {
     /// The file, written after everything is read [default: stdout]
     #[arg(long, short, value_name = "FILE")]
     pub output: Option<PathBuf>,
-    /// The kinds to save. M: all definitions, and values of M-variables that point nowhere; AXES: axis definitions (#1->);
-    /// KIN: kinematic programs
+    /// The kinds to save. M: all definitions, and values of M-variables that point nowhere; MS: variables of MACRO stations;
+    /// AXES: axis definitions (#1->); KIN: kinematic programs
     #[arg(
         long,
         value_name = "KINDS",
         value_delimiter = ',',
-        default_value = "I,P,Q,M,AXES,KIN,PROG,PLC",
+        default_value = "I,P,Q,M,MS,AXES,KIN,PROG,PLC",
         ignore_case = true
     )]
     pub what: Vec<What>,

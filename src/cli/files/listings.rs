@@ -1,4 +1,5 @@
-//! Readings of a board other than variables: axis definitions, and programs as the board lists them.
+//! Readings of a board other than its variables: variables of MACRO stations, axis definitions, and programs as the
+//! board lists them.
 
 use std::collections::BTreeMap;
 
@@ -26,20 +27,21 @@ pub fn read(
     items.sort_unstable();
     items.dedup();
     keep_address(sequence, items.iter().copied())?;
-    let is_variable = |item: &Item| !item.is_axis() && !item.is_program();
+    let is_variable = |item: &Item| !item.is_axis() && !item.is_program() && !item.is_of_station();
     let (variables, others): (Vec<Item>, Vec<Item>) = items.into_iter().partition(is_variable);
     let mut held = read_variables(sequence, &variables)?;
     held.extend(read_others(sequence, &others)?);
     Ok(held)
 }
 
-/// Reads `items`, which are sorted and no variables. A program that the board does not have reads as empty. The
-/// sequence must go on after a line that the board refuses.
+/// Reads `items`, which are sorted and no variables of the board. A program that the board does not have reads as
+/// empty; a station's variable is absent if the board does not tell it. The sequence must go on after a line that the
+/// board refuses.
 ///
 /// # Errors
 /// The board keeps a program under its password, refuses a question for another reason, or gives an unexpected answer.
 fn read_others(sequence: &mut LineSequence<'_>, items: &[Item]) -> Result<BTreeMap<Item, String>, Failure> {
-    let (axes, programs): (Vec<Item>, Vec<Item>) = items.iter().partition(|item| item.is_axis());
+    let (axes, others): (Vec<Item>, Vec<Item>) = items.iter().partition(|item| item.is_axis());
     let mut held = BTreeMap::new();
     for of_system in axes.chunk_by(|one, other| one.system() == other.system()) {
         for some in of_system.chunks(AXES_A_LINE) {
@@ -56,9 +58,11 @@ fn read_others(sequence: &mut LineSequence<'_>, items: &[Item]) -> Result<BTreeM
             held.extend(some.iter().zip(replies).map(|(item, line)| (*item, item.told(&line))));
         }
     }
-    let lines: Vec<String> = programs.iter().map(|item| item.list_line()).collect();
-    for (item, reply) in programs.into_iter().zip(try_ask(sequence, &lines)?) {
+    let lines: Vec<String> = others.iter().map(|item| item.own_question()).collect();
+    for (item, reply) in others.into_iter().zip(try_ask(sequence, &lines)?) {
         let text = match reply {
+            Ok(lines) if item.is_of_station() => item.told(&lines.join(" ")),
+            Err(_) if item.is_of_station() => continue,
             Ok(lines) => lines.join("\n"),
             Err(failure) if failure.code == Some(MISSING) => String::new(),
             Err(failure) if failure.code == Some(PROTECTED) => {

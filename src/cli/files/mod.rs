@@ -10,3 +10,4 @@ mod prose;
 pub mod saved;
 pub mod sequence;
 pub mod settings_file;
+mod stations;

@@ -11,6 +11,7 @@ use crate::cli::context::Failure;
 use crate::cli::files::listings::read;
 use crate::cli::files::sequence::{ask, begin};
 use crate::cli::files::settings_file::Item;
+use crate::cli::files::stations;
 use crate::client::Connection;
 use crate::client::command::lines::LineSequence;
 use crate::map::{DEFAULT_FAMILY, Family, Generation, IVariables};
@@ -30,6 +31,9 @@ pub enum What {
     Q,
     #[value(name = "M")]
     M,
+    /// Variables of MACRO stations.
+    #[value(name = "MS")]
+    Stations,
     /// Axis definitions.
     #[value(name = "AXES")]
     Axes,
@@ -73,9 +77,10 @@ impl Saved {
             board.stop_on(stop.flag());
         }
         let items = items(wanted, programs, &info.family);
+        let has_stations = wanted.contains(&What::Stations) && info.family.parse() == Ok(Generation::Turbo);
         // Ask the board: a daemon that has just started does not know the answers yet.
         let said = ask(&mut board, &["TYPE", "VERSION", "DATE"]);
-        let held = said.and_then(|said| Ok((said, settings(&mut board, items)?)));
+        let held = said.and_then(|said| Ok((said, settings(&mut board, items, has_stations)?)));
         // Also after a refusal: the next client must not wait until the daemon misses this client.
         finish(board)?;
         let (said, held) = held?;
@@ -134,8 +139,13 @@ fn items(wanted: &[What], programs: (u16, u16), family: &str) -> Vec<Item> {
     items
 }
 
-/// The board's values of `items`, and the values of the M-variables that point nowhere.
-fn settings(board: &mut LineSequence<'_>, items: Vec<Item>) -> Result<BTreeMap<Item, String>, Failure> {
+/// The board's values of `items`, the values of the M-variables that point nowhere, and if `with_stations`, the
+/// variables of its MACRO stations.
+fn settings(
+    board: &mut LineSequence<'_>,
+    items: Vec<Item>,
+    with_stations: bool,
+) -> Result<BTreeMap<Item, String>, Failure> {
     let mut held = read(board, items)?;
     // A missing definition or program is no setting: `restore` deletes none.
     held.retain(|item, text| match item {
@@ -150,6 +160,10 @@ fn settings(board: &mut LineSequence<'_>, items: Vec<Item>) -> Result<BTreeMap<I
         })
         .collect();
     held.extend(read(board, own)?);
+    if with_stations {
+        let items = stations::items(board)?;
+        held.extend(read(board, items)?);
+    }
     Ok(held)
 }
 

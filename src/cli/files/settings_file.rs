@@ -1,5 +1,5 @@
-//! A board's settings as sorted lines that can be sent again: variables (`I100=1`, `M1->Y:$FFC2,0`), axis definitions
-//! (`#1->100X`), and programs, each from its `OPEN` to its `CLOSE`.
+//! A board's settings as sorted lines that can be sent again: variables (`I100=1`, `M1->Y:$FFC2,0`), also of MACRO
+//! stations (`MS0,MI910=7`), axis definitions (`#1->100X`), and programs, each from its `OPEN` to its `CLOSE`.
 //!
 //! Q-variables, axis definitions and kinematic programs belong to a coordinate system. A line `&2` addresses a system
 //! for the following lines; the default is `&1`. All text stays as the board lists it (I9 chooses hex for addresses,
@@ -22,6 +22,9 @@ use crate::protocol::check_line;
 /// The most answers to one line. The board answers no other client meanwhile.
 const ANSWERS_MAX: usize = 100;
 
+/// How many MACRO nodes a Turbo board has.
+pub const NODES: u8 = 64;
+
 /// An item that a line can set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Item {
@@ -40,6 +43,13 @@ pub enum Item {
     Definition(u16),
     /// The value of an M-variable.
     M(u16),
+    /// A variable of the MACRO station at a node.
+    OfStation {
+        /// The node.
+        node: u8,
+        /// The variable.
+        number: u16,
+    },
     /// The axis of a motor in a coordinate system: `#1->100X`.
     Axis {
         /// The coordinate system.
@@ -84,6 +94,11 @@ impl Item {
         matches!(self, Self::Axis { .. })
     }
 
+    /// Whether the item is a variable of a MACRO station.
+    pub const fn is_of_station(self) -> bool {
+        matches!(self, Self::OfStation { .. })
+    }
+
     /// Whether the item is a program, of several lines.
     pub const fn is_program(self) -> bool {
         matches!(self, Self::Kinematics { .. } | Self::Program(_) | Self::Plc(_))
@@ -92,12 +107,12 @@ impl Item {
     /// The same kind of variable with another `number`.
     const fn at(self, number: u16) -> Self {
         match self {
-            Self::Axis { .. } | Self::Kinematics { .. } | Self::Program(_) | Self::Plc(_) => self,
             Self::I(_) => Self::I(number),
             Self::P(_) => Self::P(number),
             Self::Q { system, .. } => Self::Q { system, number },
             Self::Definition(_) => Self::Definition(number),
             Self::M(_) => Self::M(number),
+            _ => self,
         }
     }
 
@@ -108,6 +123,7 @@ impl Item {
             Self::P(n) => format!("P{n}"),
             Self::Q { number: n, .. } => format!("Q{n}"),
             Self::Definition(n) | Self::M(n) => format!("M{n}"),
+            Self::OfStation { node, number } => format!("MS{node},MI{number}"),
             Self::Axis { motor, .. } => format!("#{motor}"),
             Self::Kinematics { inverse: false, .. } => "FORWARD".to_owned(),
             Self::Kinematics { inverse: true, .. } => "INVERSE".to_owned(),
@@ -148,8 +164,11 @@ impl Item {
         std::iter::once(open).chain(program).chain(["CLOSE".to_owned()]).collect()
     }
 
-    /// The line that lists a program.
-    pub fn list_line(self) -> String {
+    /// The question for an item that not every board has: a station's variable or a program.
+    pub fn own_question(self) -> String {
+        if self.is_of_station() {
+            return self.short();
+        }
         let system = self.system().map_or(String::new(), |system| format!("&{system}"));
         format!("{system}LIST {}", self.short())
     }
@@ -171,7 +190,9 @@ impl Item {
                 }
                 Self::Axis { .. } => same_axis(one, other),
                 Self::Kinematics { .. } | Self::Program(_) | Self::Plc(_) => same_program(one, other),
-                Self::I(_) | Self::P(_) | Self::Q { .. } | Self::M(_) => same_number(one, other),
+                Self::I(_) | Self::P(_) | Self::Q { .. } | Self::M(_) | Self::OfStation { .. } => {
+                    same_number(one, other)
+                }
             }
     }
 }
@@ -281,7 +302,7 @@ fn opened(code: &str, system: u8) -> Option<Item> {
 fn entry(code: &str, system: u8) -> Result<Line, String> {
     let wrong = || {
         format!(
-            "{code:?} is not a line like I100=1, P1=2.5, Q1=3, M1->Y:$FFC2,0, M1=0, #1->100X or OPEN PLC 3 CLEAR"
+            "{code:?} is not a line like I100=1, P1=2.5, Q1=3, M1->Y:$FFC2,0, M1=0, MS0,MI910=7, #1->100X or OPEN PLC 3 CLEAR"
         )
     };
     let (system, code) = match code.strip_prefix('&') {
@@ -299,6 +320,13 @@ fn entry(code: &str, system: u8) -> Result<Line, String> {
     if let Some(item) = opened(code, system) {
         return Ok(Line::Open(item));
     }
+    let to_number = |item: Item, text: &str| match answer::number(text) {
+        Some(_) => Ok(Line::Entry(item, text.to_owned())),
+        None => Err(format!("{text:?} is not a number")),
+    };
+    if let Some((item, text)) = of_station(code) {
+        return to_number(item, text);
+    }
     let letter = code.chars().next().map(|letter| letter.to_ascii_uppercase());
     let rest = code.get(1..).ok_or_else(wrong)?;
     let end = rest.find(|c: char| !c.is_ascii_digit()).ok_or_else(wrong)?;
@@ -315,7 +343,6 @@ fn entry(code: &str, system: u8) -> Result<Line, String> {
         };
     }
     let text = tail.strip_prefix('=').map(str::trim).ok_or_else(wrong)?;
-    answer::number(text).ok_or_else(|| format!("{text:?} is not a number"))?;
     let item = match letter {
         Some('I') => Item::I(n),
         Some('P') => Item::P(n),
@@ -323,7 +350,19 @@ fn entry(code: &str, system: u8) -> Result<Line, String> {
         Some('M') => Item::M(n),
         _ => return Err(wrong()),
     };
-    Ok(Line::Entry(item, text.to_owned()))
+    to_number(item, text)
+}
+
+/// The station's variable that a line like `MS0,MI910=7` sets, and its value. `I910` is another name of `MI910`, and
+/// `MACROSLV` of `MS`.
+fn of_station(code: &str) -> Option<(Item, &str)> {
+    let (name, text) = code.split_once('=')?;
+    let name = name.to_ascii_uppercase().replace(' ', "");
+    let name = name.strip_prefix("MS").or_else(|| name.strip_prefix("MACROSLV"))?;
+    let (node, number) = name.split_once(',')?;
+    let number = number.strip_prefix('M').unwrap_or(number).strip_prefix('I')?.parse().ok()?;
+    let node = node.parse().ok().filter(|&node| node < NODES)?;
+    Some((Item::OfStation { node, number }, text.trim()))
 }
 
 /// All clients share the addressed motor and coordinate system: the daemon restores both at the end if `items` need
@@ -430,16 +469,28 @@ mod tests {
 
     #[test]
     fn files_are_read_and_what_is_wrong_is_told() {
-        let text = "; title\n\ni100 = 1 ; on\nP5=-2.5\nQ1=0\n&2\nQ1=$1F\n&3Q1=7\nM1->Y:$FFC2,0\nM1=1\n";
+        let text = "; title\n\ni100 = 1 ; on\nP5=-2.5\nQ1=0\n&2\nQ1=$1F\n&3Q1=7\nM1->Y:$FFC2,0\nM1=1\n\
+                    ms 0,i910 = $7\nMACROSLV16,MI912=1\n";
         let entries = parse("f", text).unwrap();
         let found: Vec<_> = entries.iter().map(|entry| entry.item.lines(&entry.text).join("\n")).collect();
-        let expected = ["I100=1", "P5=-2.5", "&1Q1=0", "&2Q1=$1F", "&3Q1=7", "M1->Y:$FFC2,0", "M1=1"];
+        let expected = [
+            "I100=1",
+            "P5=-2.5",
+            "&1Q1=0",
+            "&2Q1=$1F",
+            "&3Q1=7",
+            "M1->Y:$FFC2,0",
+            "M1=1",
+            "MS0,MI910=$7",
+            "MS16,MI912=1",
+        ];
         assert_eq!(found, expected);
         assert_eq!(entries[1].line, 4);
 
-        let wrong = "I100\nX1=1\nI=1\nI1=one\nP1->*\nI9999=1\n&99\nI1=1 I2=2\nM1->\nI5=1E3\nI7=1\nI7=2\n\u{fc}=1\n#1J+";
+        let wrong = "I100\nX1=1\nI=1\nI1=one\nP1->*\nI9999=1\n&99\nI1=1 I2=2\nM1->\nI5=1E3\nI7=1\nI7=2\n\u{fc}=1\n#1J+\n\
+                     MS64,MI1=0\nMS0,P1=0\nMS0,I1";
         let mistakes = parse("f", wrong).unwrap_err();
-        assert_eq!(mistakes.len(), 13, "{mistakes:?}");
+        assert_eq!(mistakes.len(), 16, "{mistakes:?}");
         assert_eq!(mistakes[10].to_string(), "f:12: I7 is set in line 11 already");
         assert_eq!(mistakes[3].to_string(), "f:4: \"one\" is not a number");
     }
