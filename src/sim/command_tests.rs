@@ -70,6 +70,14 @@ fn a_word_that_is_no_command_does_nothing_before_it_is_refused() {
         assert_eq!(send(&mut bench, "#1P"), ["0"], "{line}");
     }
     send(&mut bench, "&1 A #1 P P1=5 P1 J=*");
+    for behind in
+        ["P1=1", "P(P1-4)=2*(P1+1)", "I122=*", "M1->*", "M1->Y:$D200,0,8", "#1->2X+5", "#2->0", "P1=7 #1->"]
+    {
+        let reply = bench.world.execute(format!("&1B1 {behind} RUBISH").as_bytes());
+        assert!(reply.error.is_some() && reply.lines.is_empty(), "{behind}: {reply:?}");
+        bench.run(50);
+        assert_eq!(send(&mut bench, "#1P P1 M1-> #1->"), ["0", "5", "*", "X"], "{behind}");
+    }
     assert_eq!(refusal(&mut turbo2(), "EAVERSION"), Some(CommandError::SYNTAX));
 }
 

@@ -236,7 +236,7 @@ mod tests {
     #[test]
     fn data_comes_before_the_error_and_nothing_after_it() {
         let mut rig = Rig::new();
-        assert_eq!(rig.send(b"P1=3 P1 P2 UUU P3=5\r"), b"3\r0\r\x07ERR003\r");
+        assert_eq!(rig.send(b"P1=3 P1 P2 #99 P3=5\r"), b"3\r0\r\x07ERR003\r");
         assert_eq!(rig.send(b"P3\r"), b"0\r\x06");
     }
 

@@ -2,8 +2,9 @@
 //!
 //! The interpreter executes the commands of a line from left to right as it parses them. The first error ends the line:
 //! the commands to its left are done, the rest is not parsed. But before the first command acts, the interpreter looks
-//! for a word that is no command, as far as the first assignment or command with operands. `#n` and `&n` stay in force for later lines. PMAC and PMAC2 have one such pair for
-//! all ports, so the ports share one [`Interpreter`]; on Turbo each port has its own ([`super::ports`]).
+//! for a word that is no command, as far as the first command with operands. `#n` and `&n` stay in force for later lines.
+//! PMAC and PMAC2 have one such pair for all ports, so the ports share one [`Interpreter`]; on Turbo each port has its own
+//! ([`super::ports`]).
 
 mod assign;
 mod buffers;
@@ -24,6 +25,7 @@ use crate::sim::board::variables::VariableKind;
 use crate::sim::language::reply::{LONGEST_LINE, Outcome, Reply};
 use crate::sim::language::scanner::Scanner;
 use crate::sim::language::words::{self, Word};
+use crate::sim::language::{axis, expression, m_definition};
 use crate::sim::program::Programs;
 use crate::sim::program::item::Item;
 use crate::sim::program::parse::numbers;
@@ -141,8 +143,7 @@ impl Line<'_, '_> {
     }
 
     /// The error for a word that is no command, or needs a buffer, before any command of the line acts: the `R` of a
-    /// misspelt word starts no program. The text after an assignment, a definition or a command with operands is
-    /// checked in its turn.
+    /// misspelt word starts no program. The text after a command with operands is checked in its turn.
     fn check_words(&self) -> Outcome {
         let generation = self.board.family().generation;
         let mut ahead = self.scanner.clone();
@@ -155,7 +156,8 @@ impl Line<'_, '_> {
                 None => {}
             }
             match ahead.next_character() {
-                None | Some(b'=' | b'(' | b'>' | b'$') => return Ok(()),
+                None | Some(b'$') => return Ok(()),
+                Some(mark @ (b'=' | b'(' | b'>')) => self.skip_operand(&mut ahead, mark),
                 Some(letter @ (b'C'..=b'E' | b'G' | b'L' | b'N' | b'T'..=b'U' | b'W'..=b'Y')) => {
                     if ahead.at_constant() || ahead.peek() == Some(b'(') {
                         return Err(CommandError::NO_OPEN_BUFFER);
@@ -166,6 +168,21 @@ impl Line<'_, '_> {
                 }
                 Some(_) => {}
             }
+        }
+    }
+
+    /// Skips the value or the definition behind `mark`. A wrong one stays where it is.
+    fn skip_operand(&self, scanner: &mut Scanner, mark: u8) {
+        let family = self.board.family();
+        let mut behind = scanner.clone();
+        let is_skipped = if mark != b'>' {
+            behind.take(b'*') || expression::check(&mut behind, self.board).is_ok()
+        } else {
+            matches!(m_definition::definition(&mut behind, family), Ok(Some(_)))
+                || axis::definition(&mut behind, 0, family.generation).is_ok()
+        };
+        if is_skipped {
+            *scanner = behind;
         }
     }
 
