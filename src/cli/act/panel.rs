@@ -65,7 +65,7 @@ pub struct Jog {
 #[derive(Debug, Args)]
 pub struct Motors {
     /// Motors, by number
-    #[arg(required = true, value_name = "MOTOR", value_parser = number())]
+    #[arg(required = true, value_name = "MOTOR", value_parser = number)]
     pub numbers: Vec<u8>,
 }
 
@@ -91,14 +91,14 @@ pub struct Programs {
 #[derive(Debug, Args)]
 pub struct Systems {
     /// Coordinate systems, by number
-    #[arg(required = true, value_name = "C.S.", value_parser = number())]
+    #[arg(required = true, value_name = "C.S.", value_parser = number)]
     pub numbers: Vec<u8>,
 }
 
 #[derive(Debug, Args)]
 pub struct Feed {
     /// The coordinate system
-    #[arg(value_name = "C.S.", value_parser = number())]
+    #[arg(value_name = "C.S.", value_parser = number)]
     pub system: u8,
     /// A percentage (50%), a raw value of 0 to 32767 in 1/32768 ms (14507 is 100 % at the default I10), or off
     #[arg(value_name = "N%|RAW|off", value_parser = wanted, allow_hyphen_values = true)]

@@ -14,7 +14,7 @@ use crate::protocol::control;
 #[derive(Debug, Args)]
 pub struct Abort {
     /// Only these coordinate systems, by the control panel; by command line if the panel does not act within 100 ms
-    #[arg(value_name = "C.S.", value_parser = number(), conflicts_with = "all")]
+    #[arg(value_name = "C.S.", value_parser = number, conflicts_with = "all")]
     pub systems: Vec<u8>,
     /// Every coordinate system and motor, by ^A (the default). ^A closes the loops of killed motors
     #[arg(long)]

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::ValueEnum;
-use clap::builder::RangedI64ValueParser;
 
 use crate::format::{Float48Layout, WordOrder};
 use crate::map::{Family, UnknownFamily};
@@ -41,10 +40,11 @@ impl From<Order> for WordOrder {
     }
 }
 
-/// The number of a motor, coordinate system or buffer. No family has more than 32. The command checks the number again
-/// once it knows the board's family.
-pub fn number() -> RangedI64ValueParser<u8> {
-    clap::value_parser!(u8).range(1..=32)
+/// The number of a motor, coordinate system or buffer. The command checks the number again once it knows the board's
+/// family.
+pub fn number(text: &str) -> Result<u8, String> {
+    let number = text.parse().ok().filter(|number| (1..=32).contains(number));
+    number.ok_or_else(|| "write a number from 1 to 32; no board has more".to_owned())
 }
 
 pub fn family(name: &str) -> Result<&'static Family, UnknownFamily> {

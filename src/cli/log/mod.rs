@@ -50,7 +50,7 @@ pub struct Log {
     #[arg(long, short, value_name = "FILE", value_parser = table_path)]
     output: PathBuf,
     /// Only these motors, as 1,2 [default: all reported motors]
-    #[arg(long, value_name = "N,N", value_delimiter = ',', value_parser = number())]
+    #[arg(long, value_name = "N,N", value_delimiter = ',', value_parser = number)]
     motors: Vec<u8>,
     /// Only these fields, named as in `motors --json`, and user.NAME for a word of `watch user` [default: commanded_position,
     /// actual_position, following_error, velocity, servo_status, all words]. While the board has not told the scales, as after a reset, an update is a row without values and

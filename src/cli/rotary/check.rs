@@ -39,7 +39,7 @@ pub struct Check {
     #[arg(value_name = "FILE")]
     pub file: Option<String>,
     /// The coordinate system whose rotary buffer takes the lines. It must not run
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = number())]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = number)]
     pub cs: u8,
     /// First define a rotary buffer of this many words in the board's own memory (DEFINE ROT), as for stream
     #[arg(long, value_name = "LONGS")]

@@ -35,10 +35,10 @@ pub struct Stream {
     #[arg(value_name = "FILE")]
     pub file: String,
     /// The coordinate system that executes the program
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = number())]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = number)]
     pub cs: u8,
     /// PMAC, PMAC2: the buffer in the DPRAM, 1 or 2 [default: 1]. On a Turbo board each coordinate system has its own
-    #[arg(long, value_name = "N", value_parser = number())]
+    #[arg(long, value_name = "N", value_parser = number)]
     pub buffer: Option<u8>,
     /// The buffer's size in 32-bit words, two a command [default: all that the daemon reserves]
     #[arg(long, value_name = "LONGS")]
