@@ -417,3 +417,11 @@ fn a_wait_ends_when_somebody_ends_what_it_waits_for_and_names_him() {
     assert!(ran.stderr.contains("sent panel jog-stop"), "{ran:?}");
     site.assert_no_violations();
 }
+
+#[test]
+fn a_start_of_which_nobody_sees_a_program_run_is_no_success() {
+    let site = VirtualSite::configured(&[], "functions = ['ascii', 'panel']\n");
+    site.wait_until("a board that takes commands", || site.pmacctl(&["send", "I2=3"]).0 == 0);
+    let ran = site.run(&["panel", "start", "1"]);
+    assert!(ran.code == Some(1) && ran.stderr.contains("whether the program runs is not known"), "{ran:?}");
+}

@@ -199,6 +199,7 @@ pub fn press(
             note(format_args!(
                 "pmacctl: the start was taken; whether the program runs is not known: {failure}"
             ));
+            return Ok(Verdict::No);
         }
         None => {}
     }
