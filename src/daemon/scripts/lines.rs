@@ -395,10 +395,10 @@ impl Lines {
                 closed_by_others(name, entered, done.ended_by.as_deref())
             }
             Err(error) => format!(
-                "{name}, which it opened, may still be open: {entered} lines entered it, and CLOSE failed ({error}); send CLOSE"
+                "{name}, which it opened, may still be open: {entered} entered it, and CLOSE failed ({error}); send CLOSE"
             ),
             Ok(_) if is_cut_short => format!(
-                "{name}, which it opened, is incomplete: {entered} lines entered it; it is closed now"
+                "{name}, which it opened, is incomplete: {entered} entered it; it is closed now"
             ),
             Ok(_) => format!("{name} was left open; it is closed now"),
         });
@@ -422,9 +422,10 @@ impl Lines {
 
     /// The sequence's buffer is no longer open, or the daemon can do no more about it. `note` makes the note of the
     /// buffer's name and the number of its lines.
-    fn leave_buffer(&mut self, note: impl FnOnce(&str, u64) -> String) {
+    fn leave_buffer(&mut self, note: impl FnOnce(&str, &str) -> String) {
         let name = self.buffer.opened().map_or(String::new(), |opened| opened.name.to_string());
-        let note = note(&name, self.entered);
+        let entered = self.entered;
+        let note = note(&name, &format!("{entered} line{}", if entered == 1 { "" } else { "s" }));
         self.buffer_left = Some((name, note));
         self.buffer = OpenBuffer::default();
         self.io.set_inside(false);
@@ -432,9 +433,9 @@ impl Lines {
 }
 
 /// The note on a buffer that another sender has closed: `by`, if the daemon knows the sender.
-fn closed_by_others(name: &str, entered: u64, by: Option<&str>) -> String {
+fn closed_by_others(name: &str, entered: &str, by: Option<&str>) -> String {
     let by = by.map_or_else(String::new, |by| format!(" ({by})"));
-    format!("{name}, which it opened, was closed by somebody else{by}: {entered} lines entered it")
+    format!("{name}, which it opened, was closed by somebody else{by}: {entered} entered it")
 }
 
 /// The note on a buffer that the board has not opened, and for which the daemon has sent no line.
