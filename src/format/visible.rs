@@ -14,7 +14,8 @@ impl<T: Display> Display for Visible<T> {
 }
 
 /// A control character, or one that is not seen and makes what stands beside it look otherwise, as U+202E turns it round.
-fn is_hidden(letter: char) -> bool {
+#[must_use]
+pub fn is_hidden(letter: char) -> bool {
     letter.is_control()
         || matches!(letter, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{2069}' | '\u{feff}')
 }

@@ -4,6 +4,7 @@ use serde::Deserialize;
 
 use super::span::Refusal;
 use crate::format::Text;
+use crate::format::visible::is_hidden;
 use crate::map::Family;
 use crate::segment::identity::NAME_BYTES;
 use crate::segment::{Identity, UserUnit};
@@ -100,7 +101,7 @@ fn name(text: &str) -> Result<Text<NAME_BYTES>, String> {
 }
 
 fn unit(text: &str) -> Result<Text<NAME_BYTES>, String> {
-    let printed = !text.is_empty() && !text.contains(|c: char| c.is_control() || c.is_whitespace());
+    let printed = !text.is_empty() && !text.contains(|c: char| is_hidden(c) || c.is_whitespace());
     if COUNTS.contains(&text) {
         return Err(format!(
             "unit = {text:?}: every motor has this one; write the unit of the machine, as deg or mm"
@@ -153,6 +154,7 @@ mod tests {
             ("number = 2\nunit = 'deg'\ncounts_per_unit = 0", "counts_per_unit", "not 0"),
             ("number = 2\nunit = 'deg'\ncounts_per_unit = nan", "counts_per_unit", "not 0"),
             ("number = 2\nunit = 'a b'\ncounts_per_unit = 5", "unit", "without blanks"),
+            ("number = 2\nunit = \"m\\u202Em\"\ncounts_per_unit = 5", "unit", "without blanks"),
             ("number = 2\nunit = 'counts'\ncounts_per_unit = 5", "unit", "every motor has this one"),
             ("number = 2", "number", "leave this [[motor]] out"),
         ] {

@@ -4,6 +4,7 @@ use serde::Deserialize;
 
 use super::span::Refusal;
 use crate::format::Text;
+use crate::format::visible::is_hidden;
 use crate::map::user_word::{USER_DATA_WORDS, USER_NAME_BYTES, USER_UNIT_BYTES, USER_WORDS, UserWord};
 use crate::map::{BitField, Family, Field, Space, TypedAddress};
 use crate::mirror::UserRate;
@@ -118,6 +119,11 @@ fn place(
     if !Space::ALL.into_iter().any(|one| one.name() == space) {
         return Err(shape());
     }
+    if table.address.trim().is_empty() {
+        let text = "no address stands here: write one, as $DA10. A shell takes $DA10 for a variable, unless its text is quoted, \
+                    as behind <<'EOF'";
+        return Err(("address", text.to_owned()));
+    }
     let address = format!("{space}:{}", table.address.trim());
     let location = TypedAddress::parse(&address, family).map_err(|error| ("address", error.to_string()))?;
     let Some(bits) = bits else { return Ok((location, None, false)) };
@@ -155,7 +161,7 @@ fn name(text: &str) -> Result<Text<USER_NAME_BYTES>, String> {
 }
 
 fn unit(text: &str) -> Result<Text<USER_UNIT_BYTES>, String> {
-    let printed = !text.contains(|c: char| c.is_control() || c.is_whitespace());
+    let printed = !text.contains(|c: char| is_hidden(c) || c.is_whitespace());
     Text::new(text.as_bytes()).filter(|_| printed).ok_or_else(|| {
         format!("unit = {text:?}: write up to {USER_UNIT_BYTES} bytes without blanks, as deg or mm")
     })
@@ -221,6 +227,7 @@ mod tests {
                 "address",
                 "lies outside the DPRAM of a PMAC, which has DP:$D000",
             ),
+            (table("y", "", "DP", ""), "address", "unless its text is quoted"),
             (table("y", "$DFFF", "L", ""), "address", "lies outside the DPRAM"),
             (table("y", "$DA10", "Q", ""), "format", "write DP, F, D, L, X or Y"),
             (table("y", "$DA10", "Y:8", ""), "format", "as Y:8,4"),
@@ -234,6 +241,7 @@ mod tests {
             ),
             (table("y", "$DFFF", "DP", "count = 2"), "count", "leave the DPRAM"),
             (table("y", "$DA10", "DP", "unit = 'a b'"), "unit", "without blanks"),
+            (table("y", "$DA10", "DP", "unit = \"m\\u202Em\""), "unit", "without blanks"),
             (table("y", "$DA10", "DP", "guard = 'DP:$DA0F'"), "guard", "one word of 16 bits"),
             (table("y", "$DA10", "DP", "guard = 'Y:$C000'"), "guard", "lies outside"),
             (table("y", "$DA10", "DP", "guard = 'X:$DA10'"), "guard", "a word of its own"),
