@@ -310,7 +310,7 @@ impl Board {
     pub fn renew(&mut self) -> Result<(), Failure> {
         if self.has_jogs && self.renewed.elapsed() >= RENEW_JOGS {
             // Without an answer the connection is dropped, and `pmacd` ends its jogs.
-            self.has_jogs = self.ask(Connection::jog_renew).unwrap_or(false);
+            self.has_jogs = self.ask(Connection::jog_renew).is_ok_and(|motors| !motors.is_empty());
             self.renewed = Instant::now();
         }
         self.renew_buffer()

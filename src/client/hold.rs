@@ -34,14 +34,14 @@ pub struct HeldJog {
     process: u32,
     /// Dropped to end the renewals.
     tell: Option<SyncSender<()>>,
-    renewing: Option<JoinHandle<(Connection, Option<CommandError>)>>,
+    renewing: Option<JoinHandle<Result<Connection, CommandError>>>,
 }
 
 impl HeldJog {
     /// Begins `action` (`jog-` or `jog+`) of the motors `numbers`, and renews the jog from now on: by the control
     /// panel, or, if the daemon does not use the panel, as on a Turbo board, by the command line `#1J-` or `#1J+`. The
     /// line addresses the motor, enters no program buffer, and needs the role engineer. Other clients may still command
-    /// the motor: their command ends the hold, and no stop follows.
+    /// the motor: their command ends the hold, and of several motors the daemon stops the others.
     ///
     /// # Errors
     /// As [`Connection::panel`] and [`Connection::send`]. After an error the daemon stops any motor that the board has
@@ -51,7 +51,7 @@ impl HeldJog {
             return Self::begin_by_line(connection, action, numbers);
         }
         connection.panel_hold(action, numbers)?;
-        Ok(Self::renewed(connection, numbers, Connection::panel_renew))
+        Ok(Self::renewed(connection, numbers, |connection, _| connection.panel_renew()))
     }
 
     fn begin_by_line(mut connection: Connection, action: &str, numbers: &[u8]) -> Result<Self, CommandError> {
@@ -68,11 +68,14 @@ impl HeldJog {
             ..SendAs::default()
         };
         connection.send_as(&line, deadlines::PLAIN, send_as)?;
-        Ok(Self::renewed(connection, numbers, |connection| {
-            if connection.jog_renew()? {
+        Ok(Self::renewed(connection, numbers, |connection, numbers| {
+            // As by the panel, the hold of several motors ends with the first of them.
+            let going = connection.jog_renew()?;
+            if numbers.iter().all(|number| going.contains(number)) {
                 return Ok(());
             }
-            let reason = "the jog is over: pmacd has stopped it, or the motor stands or obeys another command; then no stop was sent";
+            let reason = "the jog is over: pmacd has stopped it, or a motor stands or obeys another command; that motor gets no stop, \
+                          others of the jog do";
             Err(CallError::Refused { reason: reason.to_owned() }.into())
         }))
     }
@@ -81,19 +84,16 @@ impl HeldJog {
     fn renewed(
         mut connection: Connection,
         numbers: &[u8],
-        renew: fn(&mut Connection) -> Result<(), CommandError>,
+        renew: impl Fn(&mut Connection, &[u8]) -> Result<(), CommandError> + Send + 'static,
     ) -> Self {
         let (tell, told) = sync_channel::<()>(0);
+        let motors = numbers.to_vec();
+        // After an error the connection ends at once: the daemon stops the motors that still jog.
         let renewing = std::thread::spawn(move || {
-            loop {
-                match told.recv_timeout(RENEW) {
-                    Err(RecvTimeoutError::Timeout) => {}
-                    Ok(()) | Err(RecvTimeoutError::Disconnected) => return (connection, None),
-                }
-                if let Err(error) = renew(&mut connection) {
-                    return (connection, Some(error));
-                }
+            while matches!(told.recv_timeout(RENEW), Err(RecvTimeoutError::Timeout)) {
+                renew(&mut connection, &motors)?;
             }
+            Ok(connection)
         });
         let process = std::process::id();
         Self { numbers: numbers.to_vec(), process, tell: Some(tell), renewing: Some(renewing) }
@@ -125,14 +125,10 @@ impl HeldJog {
         }
         drop(self.tell.take());
         let ended = self.renewing.take().and_then(|renewing| renewing.join().ok());
-        let Some((mut connection, before)) = ended else {
-            return Err(CallError::Protocol("the hold is over".to_owned()).into());
-        };
-        // If the daemon has ended the hold, it has also stopped the motors: a second stop could close the loop of a
+        // If the hold has ended before, the daemon has also stopped the motors: a second stop could close the loop of a
         // killed motor.
-        if let Some(error) = before {
-            return Err(error);
-        }
+        let mut connection =
+            ended.unwrap_or_else(|| Err(CallError::Protocol("the hold is over".to_owned()).into()))?;
         connection.panel("jog-stop", &self.numbers)?;
         Ok(connection)
     }

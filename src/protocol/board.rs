@@ -492,13 +492,16 @@ pub struct ResetsReply {
 }
 
 /// The reply of `JogRenew`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct JogRenewReply {
     /// Whether a motor that stops with the connection may still jog.
     pub going: bool,
 }
 
 /// The reply of `Read`.
+    /// The motors that may.
+    #[serde(default)]
+    pub motors: Vec<u8>,
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReadReply {
     /// CLOCK_MONOTONIC of the first read, nanoseconds.

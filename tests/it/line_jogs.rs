@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use pmac_dpram::client::HeldJog;
 use pmac_dpram::client::command::SendAs;
 
 use crate::support::jogs::{ask, until};
@@ -75,7 +76,7 @@ fn a_jog_by_line_ends_with_the_silence_of_its_client_where_that_was_asked_for() 
     client.send_as("#1J+", PATIENCE, send_as).unwrap();
     until(&mut board, "#1V", "it goes", |speed| speed > 1.0);
     for _ in 0..3 {
-        assert!(client.jog_renew().unwrap());
+        assert_eq!(client.jog_renew().unwrap(), [1]);
         site.run_for(Duration::from_millis(900));
     }
     client.send("P1", PATIENCE).unwrap();
@@ -84,7 +85,7 @@ fn a_jog_by_line_ends_with_the_silence_of_its_client_where_that_was_asked_for() 
     site.run_for(Duration::from_millis(1500));
     assert!(ask(&mut board, "#1V").abs() < 0.1);
     assert!(site.log().contains("motor 1 jogged by command line: who had asked for it is gone or silent"));
-    assert!(!client.jog_renew().unwrap(), "nothing goes on");
+    assert!(client.jog_renew().unwrap().is_empty(), "nothing goes on");
     site.assert_no_violations();
 }
 
@@ -107,5 +108,27 @@ fn who_jogs_a_motor_that_was_just_stopped_for_another_is_left_alone() {
         site.run_for(Duration::from_millis(500));
     }
     assert!(!site.log().contains("sends ^A"), "{}", site.log());
+    site.assert_no_violations();
+}
+
+/// As by the panel: nobody may hold one motor, and take it for two.
+#[test]
+fn a_hold_of_two_motors_by_line_ends_when_another_stops_one_of_them() {
+    let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    let mut board = site.connection();
+    let held = HeldJog::begin(site.connection(), "jog+", &[1, 2]).unwrap();
+    until(&mut board, "#1V", "it goes", |speed| speed > 1.0);
+    board.panel("jog-stop", &[2]).unwrap();
+    for line in ["#1V", "#2V"] {
+        until(&mut board, line, "it stands", |speed| speed.abs() < 0.1);
+    }
+    site.wait_until("a hold that is over", || !held.is_held());
+    let told = held.stop().unwrap_err().to_string();
+    assert!(
+        told.contains("obeys another command") && site.log().contains("motor 1 jogged by command line"),
+        "{told}"
+    );
     site.assert_no_violations();
 }

@@ -59,13 +59,13 @@ impl Connection {
     }
 
     /// Tells the daemon that this client is alive, as any call does ([`crate::client::command::SendAs::silence_ms`]).
-    /// Returns whether a motor that must stop with this connection may still jog.
+    /// Returns the motors that must stop with this connection and may still jog.
     ///
     /// # Errors
     /// [`CommandError`].
-    pub fn jog_renew(&mut self) -> Result<bool, CommandError> {
+    pub fn jog_renew(&mut self) -> Result<Vec<u8>, CommandError> {
         let reply: JogRenewReply = self.call("JogRenew", &calls::NoParameters {}, DAEMON_TIMEOUT)?;
-        Ok(reply.going)
+        Ok(reply.motors)
     }
 
     /// Jogs `motor` (from 1) to `position`, in counts from home, rounded to 1/32 of a count. Returns when the board has

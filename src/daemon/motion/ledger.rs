@@ -327,10 +327,10 @@ impl Ledger {
         alone
     }
 
-    /// Whether a motor may still jog by line for `client`.
-    pub fn jogs_by_line(&self, client: u64, now: Instant) -> bool {
-        let mut rows = self.0.iter().filter(|row| row.way == Way::Line && row.client == client);
-        rows.any(|row| !row.going(now).is_empty())
+    /// The motors that may still jog by line for `client`.
+    pub fn jogs_by_line(&self, client: u64, now: Instant) -> Motors {
+        let rows = self.0.iter().filter(|row| row.way == Way::Line && row.client == client);
+        rows.fold(Motors::NONE, |all, row| all.and(row.going(now)))
     }
 
     /// Whether `client` has a row: a command that ends with the client, or a hold whose end the client has not heard.

@@ -123,7 +123,8 @@ impl Service {
             Action::Sequence(call) => return self.sequence_call(caller, call, now),
             Action::RenewJogs => {
                 let going = self.ledger.jogs_by_line(caller.client, now);
-                return Reply::with(&JogRenewReply { going }).map(Some);
+                let motors = going.numbers().filter_map(|motor| u8::try_from(motor).ok()).collect();
+                return Reply::with(&JogRenewReply { going: !going.is_empty(), motors }).map(Some);
             }
             Action::CheckReset => {
                 self.question(caller, resets::QUESTION, CallStep::Resets(now), now + WATCH_TIMEOUT);
