@@ -247,6 +247,16 @@ fn a_log_has_a_column_for_each_word_as_it_was_last_read_before_the_update() {
     let table = log(&["--fields", "user.count,velocity", "--motors", "1"]);
     let names: Vec<&str> = table.fields[5..].iter().map(|field| &*field.name).collect();
     assert_eq!(names, ["1.velocity", "user.count"]);
+    // The trigger's word needs no column.
+    let far = counts.last().unwrap() + 100.0;
+    let trigger = format!("user.count>{far}");
+    let table =
+        log(&["--fields", "velocity,user.pair", "--motors", "1", "--trigger", &trigger, "--before", "0.05"]);
+    let times = table.column("time_s").unwrap();
+    assert!(times[0] < 0.0 && times.contains(&0.0), "{times:?}");
+    let ran = site.run(&["log", "-o", "-", "--trigger", "user.pair>1"]);
+    let known = "there is no \"user.pair\", but: user.count, user.pair[1], user.pair[2], user.held";
+    assert!(ran.code == Some(2) && ran.stderr.contains(known), "{ran:?}");
     let ran = site.run(&["log", "-o", "-", "--fields", "user.other"]);
     assert!(ran.code == Some(2) && ran.stderr.contains("\"other\"; there are: count, pair, held"), "{ran:?}");
 }

@@ -75,7 +75,7 @@ pub struct Log {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["rotate_bytes", "rotate_seconds", "keep"])]
     plot: Option<PicturePath>,
     /// Begin when this condition is true, at time 0: '1.following_error>100', '|1.following_error|>100', '1.open_loop',
-    /// '!1.open_loop'
+    /// '!1.open_loop', 'user.NAME>3', 'user.NAME[2]>3'
     #[arg(long, value_name = "CONDITION")]
     trigger: Option<Condition>,
     /// With --trigger: write the updates of this time before it, too, in seconds
@@ -94,6 +94,7 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
     let stop = Interrupt::listen()?;
     let began_ns = board.subscriber().now_ns();
     let end_ns = end_after(options, began_ns);
+    let word = options.trigger.as_ref().and_then(Condition::word);
     let mut run = Logging {
         options,
         stop,
@@ -101,7 +102,7 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
         end_ns: end_ns.filter(|_| options.trigger.is_none()),
         before: options.trigger.as_ref().map(|_| Before::new(options.before.as_nanos() as u64)),
         output: None,
-        words: Words::new(&mut board, &options.fields)?,
+        words: Words::new(&mut board, &options.fields, word.as_deref())?,
         servo_period_ns: None,
         can_tell: true,
         scales: LongWait::default(),
@@ -248,7 +249,8 @@ impl Logging<'_> {
         let Some(before) = &mut self.before else {
             return files.row(rows.update(update, &mut self.words), RowMeaning::Update);
         };
-        if !self.options.trigger.as_ref().is_some_and(|trigger| trigger.is_met(&update.data)) {
+        let word = self.words.of_trigger(update.time_ns);
+        if !self.options.trigger.as_ref().is_some_and(|trigger| trigger.is_met(&update.data, word)) {
             before.keep(update.time_ns, RowMeaning::Update, rows.update(update, &mut self.words));
             return Ok(());
         }

@@ -1,12 +1,13 @@
-//! The begin of a log: a condition on a motor's value or flag, and the rows from before it.
+//! The begin of a log: a condition on a motor's value or flag or on a word of the site, and the rows from before it.
 
 use std::collections::VecDeque;
 use std::fmt;
 use std::str::FromStr;
 
 use super::files::RowMeaning;
+use super::words::PREFIX;
 use crate::client::Gap;
-use crate::decode::{Flags, ServoData};
+use crate::decode::{Flags, ServoData, ServoMotor};
 
 /// The comparison of a value with a limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,17 +25,19 @@ enum Test {
     Flag { name: String, is_set: bool },
 }
 
-/// A condition on one motor, as a user types it: `1.following_error>100`, `|1.following_error|>100`, `1.open_loop`,
-/// `!1.open_loop`.
+/// A condition on a motor or a word of the site, as a user types it: `1.following_error>100`, `|1.following_error|>100`,
+/// `1.open_loop`, `!1.open_loop`, `user.pressure>2`, `user.table[3]<0`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Condition {
-    motor: usize,
+    /// `None`: the field is a word of the site.
+    motor: Option<usize>,
     test: Test,
 }
 
+/// Stands in place of a motor before a word of the site.
+const USER: &str = "user";
 /// The form of a condition.
-const FORM: &str =
-    "write MOTOR.FIELD>NUMBER, |MOTOR.FIELD|>NUMBER or the same with <, MOTOR.FLAG or !MOTOR.FLAG";
+const FORM: &str = "write MOTOR.FIELD>NUMBER, |MOTOR.FIELD|>NUMBER or the same with <, MOTOR.FLAG or !MOTOR.FLAG; user.NAME is a field, too";
 
 impl FromStr for Condition {
     type Err = String;
@@ -45,15 +48,18 @@ impl FromStr for Condition {
         let Some(at) = text.find(['<', '>']) else {
             let (motor, name) = text.trim_start_matches('!').split_once('.').ok_or_else(malformed)?;
             let test = Test::Flag { name: name.to_owned(), is_set: !text.starts_with('!') };
-            return Ok(Self { motor: motor.parse().map_err(|_| malformed())?, test });
+            return Ok(Self { motor: Some(motor.parse().map_err(|_| malformed())?), test });
         };
         let (value, rest) = text.split_at(at);
         let comparison = if rest.starts_with('>') { Comparison::Above } else { Comparison::Below };
         let limit = rest[1..].trim().parse().map_err(|_| malformed())?;
         let value = value.trim();
         let inner = value.strip_prefix('|').and_then(|value| value.strip_suffix('|'));
-        let (motor, field) = inner.unwrap_or(value).split_once('.').ok_or_else(malformed)?;
-        let motor = motor.trim().parse().map_err(|_| malformed())?;
+        let (subject, field) = inner.unwrap_or(value).trim().split_once('.').ok_or_else(malformed)?;
+        let motor = match subject.trim() {
+            USER => None,
+            number => Some(number.parse().map_err(|_| malformed())?),
+        };
         let field = field.trim().to_owned();
         Ok(Self { motor, test: Test::Value { field, is_absolute: inner.is_some(), comparison, limit } })
     }
@@ -62,23 +68,36 @@ impl FromStr for Condition {
 /// The condition in the user's spelling.
 impl fmt::Display for Condition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let motor = self.motor;
+        let subject = self.motor.map_or_else(|| USER.to_owned(), |motor| motor.to_string());
         match &self.test {
-            Test::Flag { name, is_set } => write!(f, "{}{motor}.{name}", if *is_set { "" } else { "!" }),
+            Test::Flag { name, is_set } => write!(f, "{}{subject}.{name}", if *is_set { "" } else { "!" }),
             Test::Value { field, is_absolute, comparison, limit } => {
                 let bar = if *is_absolute { "|" } else { "" };
                 let sign = if *comparison == Comparison::Above { '>' } else { '<' };
-                write!(f, "{bar}{motor}.{field}{bar}{sign}{limit}")
+                write!(f, "{bar}{subject}.{field}{bar}{sign}{limit}")
             }
         }
     }
 }
 
 impl Condition {
-    /// The mistake in the condition, for updates like `first`.
+    /// The column of the word of the site in the condition.
+    pub fn word(&self) -> Option<String> {
+        match &self.test {
+            Test::Value { field, .. } if self.motor.is_none() => Some(format!("{PREFIX}{field}")),
+            _ => None,
+        }
+    }
+
+    fn of<'u>(&self, update: &'u ServoData) -> Option<&'u ServoMotor> {
+        update.motors.iter().find(|motor| Some(motor.motor) == self.motor)
+    }
+
+    /// The mistake in the condition on a motor, for updates like `first`.
     pub fn mistake(&self, first: &ServoData) -> Option<String> {
-        let Some(motor) = first.motors.iter().find(|motor| motor.motor == self.motor) else {
-            return Some(format!("--trigger: motor {} is not in the servo report", self.motor));
+        let number = self.motor?;
+        let Some(motor) = self.of(first) else {
+            return Some(format!("--trigger: motor {number} is not in the servo report"));
         };
         let (name, has) = match &self.test {
             Test::Value { field, .. } => (field, motor.place(field).is_some()),
@@ -93,21 +112,25 @@ impl Condition {
     /// Why the condition cannot be true yet: the board has not told the scale of its value in `update`.
     pub fn lacks_scale(&self, update: &ServoData) -> Option<String> {
         let Test::Value { field, .. } = &self.test else { return None };
-        let motor = update.motors.iter().find(|motor| motor.motor == self.motor)?;
+        let motor = self.of(update)?;
         let quantity = motor.quantities()[motor.place(field)?]?;
         quantity.number().is_none().then(|| {
-            format!("--trigger: of {}.{field} only the integer is known; until the board tells its scale, it is not true", self.motor)
+            format!("--trigger: of {}.{field} only the integer is known; until the board tells its scale, it is not true", motor.motor)
         })
     }
 
-    /// Whether the condition is true. An unknown value makes no condition true.
-    pub fn is_met(&self, update: &ServoData) -> bool {
-        let Some(motor) = update.motors.iter().find(|motor| motor.motor == self.motor) else { return false };
+    /// Whether the condition is true of `update` or, if the condition is on a word of the site, of its value `word`. An
+    /// unknown value makes no condition true.
+    pub fn is_met(&self, update: &ServoData, word: f64) -> bool {
+        let motor = self.of(update);
         match &self.test {
-            Test::Flag { name, is_set } => motor.status.is_some_and(|flags| flags.has(name) == *is_set),
+            Test::Flag { name, is_set } => {
+                motor.and_then(|motor| motor.status).is_some_and(|flags| flags.has(name) == *is_set)
+            }
             Test::Value { field, is_absolute, comparison, limit } => {
-                let quantity = motor.place(field).and_then(|place| motor.quantities()[place]);
-                let value = quantity.and_then(|quantity| quantity.number()).unwrap_or(f64::NAN);
+                let quantity = motor.and_then(|motor| motor.quantities()[motor.place(field)?]);
+                let of_motor = quantity.and_then(|quantity| quantity.number()).unwrap_or(f64::NAN);
+                let value = if self.motor.is_some() { of_motor } else { word };
                 let value = if *is_absolute { value.abs() } else { value };
                 match comparison {
                     Comparison::Above => value > *limit,
@@ -172,18 +195,37 @@ mod tests {
     fn conditions_as_they_are_typed() {
         let parse = |text: &str| text.parse::<Condition>();
         let value = |is_absolute, comparison, limit| Condition {
-            motor: 12,
+            motor: Some(12),
             test: Test::Value { field: "following_error".to_owned(), is_absolute, comparison, limit },
         };
         assert_eq!(parse("12.following_error>100"), Ok(value(false, Comparison::Above, 100.0)));
         assert_eq!(parse(" |12.following_error| > 1e2 "), Ok(value(true, Comparison::Above, 100.0)));
         assert_eq!(parse("12.following_error < -2.5"), Ok(value(false, Comparison::Below, -2.5)));
-        let flag = |is_set| Condition { motor: 1, test: Test::Flag { name: "open_loop".to_owned(), is_set } };
+        let flag =
+            |is_set| Condition { motor: Some(1), test: Test::Flag { name: "open_loop".to_owned(), is_set } };
         assert_eq!((parse("1.open_loop"), parse("!1.open_loop")), (Ok(flag(true)), Ok(flag(false))));
-        for text in ["12.following_error>100", "|1.velocity|<-2.5", "1.open_loop", "!1.open_loop"] {
+        let word = parse("|user.a.table[2]|>3").unwrap();
+        assert_eq!(word.word().as_deref(), Some("user.a.table[2]"));
+        assert_eq!(parse("1.velocity>3").unwrap().word(), None);
+        for text in [
+            "12.following_error>100",
+            "|1.velocity|<-2.5",
+            "1.open_loop",
+            "!1.open_loop",
+            "|user.a.table[2]|>3",
+        ] {
             assert_eq!(parse(text).unwrap().to_string(), text);
         }
-        for wrong in ["", "open_loop", "x.open_loop", "1.velocity>", "1.velocity>x", "|1.velocity>3", ">3"] {
+        for wrong in [
+            "",
+            "open_loop",
+            "x.open_loop",
+            "user.open",
+            "1.velocity>",
+            "1.velocity>x",
+            "|1.velocity>3",
+            ">3",
+        ] {
             assert!(parse(wrong).is_err_and(|text| text.contains("write MOTOR")), "{wrong}");
         }
     }
