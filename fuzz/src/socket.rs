@@ -80,7 +80,7 @@ fn judge(call: &Call, role: Role) {
             | Action::RenewJogs
             | Action::Sequence(_),
         ) => {}
-        Ok(Action::Trace(_)) => assert_eq!(role, Role::Engineer),
+        Ok(Action::Trace(_) | Action::Note(_)) => assert_eq!(role, Role::Engineer),
         Ok(Action::JogTo(_)) => assert!(role >= Role::Operate),
         Ok(Action::StopByLine(..)) => assert!(role >= Role::Stop),
         Ok(Action::Watch(entries)) => assert!(!entries.is_empty()),

@@ -5,11 +5,11 @@
 //! without an end then.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use log::warn;
+use log::{info, warn};
 use pmac_dpram::client::command::SendAs;
 use pmac_dpram::client::command::lines::LinesOptions;
 use pmac_dpram::client::{CommandError, Connection};
@@ -39,6 +39,8 @@ const SILENCE_MS: u64 = 1000;
 /// How often the gateway renews a client's jogs, and his open buffer.
 const RENEW_JOGS: Duration = Duration::from_millis(200);
 const RENEW_BUFFER: Duration = Duration::from_secs(1);
+/// How often the gateway leaves a note with `pmacd`, which takes one a second.
+const NOTE_EVERY: Duration = Duration::from_secs(2);
 /// The name of the sequences, as `pmacd` tells it to others.
 const SEQUENCE: &str = "download";
 
@@ -121,13 +123,15 @@ pub struct Place {
     name: Option<SegmentName>,
     /// The log says already that no daemon with this board answers there.
     is_away: Arc<AtomicBool>,
+    /// When the last note went to the daemon.
+    noted: Arc<Mutex<Option<Instant>>>,
 }
 
 impl Place {
     /// The daemon at `socket`; its board must be `name`, if given.
     #[must_use]
     pub fn new(socket: PathBuf, name: Option<SegmentName>) -> Self {
-        Self { socket, name, is_away: Arc::default() }
+        Self { socket, name, is_away: Arc::default(), noted: Arc::default() }
     }
 
     /// A connection to the daemon, after the daemon has confirmed its board. Logs once that the daemon is away, and
@@ -148,6 +152,20 @@ impl Place {
             _ => {}
         }
         connection
+    }
+
+    /// Logs `text`, and leaves it with the daemon as a note for whoever asks for the state of the board, unless another
+    /// note has just gone there.
+    pub fn tell(&self, text: &str) {
+        info!("{text}");
+        let mut last = self.noted.lock().unwrap_or_else(PoisonError::into_inner);
+        if last.is_some_and(|last| last.elapsed() < NOTE_EVERY) {
+            return;
+        }
+        *last = Some(Instant::now());
+        drop(last);
+        // Without a daemon the log alone has it.
+        let _ = self.connect().and_then(|mut connection| connection.note(text));
     }
 }
 

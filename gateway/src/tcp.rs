@@ -88,7 +88,7 @@ fn begin(
         }
         Taken::Full => return Ok(false),
     }
-    let own = Arc::clone(clients);
+    let (own, place) = (Arc::clone(clients), rules.place.clone());
     let run = move || {
         let why = match stream.try_clone() {
             Ok(to_client) => {
@@ -101,7 +101,7 @@ fn begin(
         };
         own.leave(&id);
         if let Some(why) = why {
-            info!("{peer}: his connection ends: {}", Visible(why));
+            place.tell(&format!("{peer}: his connection ends: {}", Visible(why)));
         }
     };
     let started = thread::Builder::new().name("client".to_owned()).stack_size(STACK).spawn(run);

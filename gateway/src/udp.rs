@@ -136,15 +136,16 @@ fn hand_over(
     }
     let port = clients.known().comes(peer, number);
     let session = Session::again(format!("{peer} (UDP)"), rules.clone(), port).reached_at(own_address(peer));
-    let (socket, own) = (Arc::clone(socket), Arc::clone(clients));
+    let (socket, own, place) = (Arc::clone(socket), Arc::clone(clients), rules.place.clone());
     let run = move || {
         let mut served = Client::new(session);
         let client = (peer, number);
-        if let Some(why) = attend(&own, &socket, client, &requests, &mut served) {
-            info!("{peer} (UDP): without an answer: {}", Visible(why));
-        }
+        let why = attend(&own, &socket, client, &requests, &mut served);
         own.known().leaves(peer, number, served.into_port());
         own.places.leave(&number);
+        if let Some(why) = why {
+            place.tell(&format!("{peer} (UDP): without an answer: {}", Visible(why)));
+        }
     };
     let started = thread::Builder::new().name("udp".to_owned()).spawn(run);
     if started.is_err() {

@@ -28,7 +28,7 @@ use serde_json::Value;
 use self::link::{Link, after};
 pub use self::messages::Messages;
 use crate::map::HostOffset;
-use crate::protocol::board::{ReadReply, ResetsReply, SendReply};
+use crate::protocol::board::{Done, ReadReply, ResetsReply, SendReply};
 use crate::protocol::message::encode;
 use crate::protocol::parameters::to_map;
 use crate::protocol::program_words::ASKS_FIRST;
@@ -304,6 +304,17 @@ impl Connection {
     pub fn check_reset(&mut self) -> Result<u64, CommandError> {
         let reply: ResetsReply = self.call("CheckReset", &calls::NoParameters {}, DAEMON_TIMEOUT + MARGIN)?;
         Ok(reply.resets)
+    }
+
+    /// Leaves a note, of which the daemon takes the first [`calls::NOTE_MAX`] characters, for whoever asks for the state of
+    /// the board.
+    ///
+    /// # Errors
+    /// [`CommandError`]; the daemon refuses a second note of a user within a second.
+    pub fn note(&mut self, text: &str) -> Result<(), CommandError> {
+        let text = text.chars().take(calls::NOTE_MAX).collect();
+        let Done {} = self.call("Note", &calls::Note { text }, DAEMON_TIMEOUT)?;
+        Ok(())
     }
 
     /// As [`Connection::send`], with these parameters.

@@ -120,6 +120,9 @@ pub struct BoardInfo {
     /// The work that ended sequences must still do on the board, and jogs that go on without their panel: sentences.
     #[serde(default)]
     pub unfinished: Vec<String>,
+    /// The last notes of clients: sentences, the latest last.
+    #[serde(default)]
+    pub notes: Vec<String>,
     /// Work or changes of another host or of a program on the board.
     #[serde(default)]
     pub elsewhere: Vec<Elsewhere>,
@@ -496,12 +499,12 @@ pub struct ResetsReply {
 pub struct JogRenewReply {
     /// Whether a motor that stops with the connection may still jog.
     pub going: bool,
-}
-
-/// The reply of `Read`.
     /// The motors that may.
     #[serde(default)]
     pub motors: Vec<u8>,
+}
+
+/// The reply of `Read`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReadReply {
     /// CLOCK_MONOTONIC of the first read, nanoseconds.

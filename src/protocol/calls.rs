@@ -7,6 +7,8 @@ use super::TIMEOUT_MAX_MS;
 use super::board::VariableRecord;
 use crate::map::HostOffset;
 
+/// The longest note, in characters.
+pub const NOTE_MAX: usize = 200;
 /// The longest time-out of `WriteVariables`, in milliseconds.
 pub const WRITE_TIMEOUT_MAX_MS: u64 = 600_000;
 /// The longest time-out of `RotarySend`, in milliseconds.
@@ -131,6 +133,12 @@ parameters! {
         /// Whether it is sent though it ends command lines for everybody (`^Z`, `I58=0`); refused when not given.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         confirmed: Option<bool>,
+    }
+
+    /// Parameters of `Note`.
+    Note {
+        /// The note, 1 to [`NOTE_MAX`] characters.
+        text: String,
     }
 
     /// Parameters of `Read`.

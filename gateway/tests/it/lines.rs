@@ -282,6 +282,13 @@ fn a_refusal_that_a_client_would_not_notice_ends_its_connection_alone() {
             told.next().is_some_and(|line| line.contains(why)) && told.next().is_none()
         });
     }
+    // `pmacctl status` says it, too; of many at once the first.
+    wait_until("a note", || {
+        let notes = site.connection().info().unwrap().notes;
+        notes
+            .first()
+            .is_some_and(|note| note.contains("his connection ends: FirmwareDownload is always refused"))
+    });
     assert_eq!(client.line("P0"), "0\r\x06");
     let mut other = site.client();
     other.stream.write_all(b"GET / HTTP/1.1\r\n\r\n").unwrap();

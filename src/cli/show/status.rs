@@ -188,7 +188,7 @@ fn socket(context: &Context, board: &mut Board) -> Value {
             "open_buffer_unsaid": info.lines.open_buffer_unsaid,
             "replay": info.replay.map(|replay| json!({ "over": replay.over,
                 "differences": replay.differences, "text": replay.to_string() })),
-            "host_port": info.host_port, "unfinished": info.unfinished,
+            "host_port": info.host_port, "unfinished": info.unfinished, "notes": info.notes,
             "elsewhere": elsewhere::documents(&info.elsewhere), "waiting": info.waiting, "definitions": info.lines.definitions,
             "program_words": info.program_words.iter().map(program_words).collect::<Vec<_>>() }),
         Err(error) => json!({ "path": path, "reachable": false, "reason": error.to_string() }),
@@ -339,6 +339,9 @@ fn socket_lines(socket: &Value, mut say: impl FnMut(&str, String)) {
     }
     for sentence in socket["unfinished"].as_array().into_iter().flatten() {
         say("unfinished", plain(sentence));
+    }
+    for note in socket["notes"].as_array().into_iter().flatten() {
+        say("note", plain(note));
     }
 }
 

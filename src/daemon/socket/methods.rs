@@ -22,6 +22,7 @@ use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, Line, READ_MAX};
 use crate::function::variable_read::VariableEntry;
 use crate::language::settings::CutsOff;
 use crate::map::{Family, HostOffset, VariableKind};
+use crate::protocol::calls::NOTE_MAX;
 use crate::protocol::cut_off::{self, character_cuts_off};
 use crate::protocol::function::UNKNOWN_FAMILY;
 use crate::protocol::{
@@ -127,6 +128,8 @@ pub enum Action {
     RenewJogs,
     /// Hand over the trace of the bus thread's accesses; `true` ends the trace.
     Trace(bool),
+    /// Keep a note of the caller.
+    Note(String),
     /// Ask the board whether it was reset.
     CheckReset,
     /// Begin a sequence, or go on with the caller's sequence.
@@ -159,6 +162,7 @@ impl Action {
             | Self::Renew
             | Self::RenewJogs
             | Self::Trace(_)
+            | Self::Note(_)
             | Self::CheckReset
             | Self::Sequence(_) => false,
         }
@@ -198,7 +202,7 @@ const fn method(
 const OBSERVER_VALUES: u32 = 50;
 
 /// Every method, in the order of the interface's definition.
-const METHODS: [Method; 26] = {
+const METHODS: [Method; 27] = {
     use Function::{Ascii, Gather, Panel, Rotary, Variables};
     use Role::{Engineer, Observe, Operate, Stop};
     [
@@ -226,6 +230,13 @@ const METHODS: [Method; 26] = {
         method("JogRenew", Observe, None, |call, _| {
             let calls::NoParameters {} = parameters(call)?;
             Ok(Action::RenewJogs)
+        }),
+        method("Note", Engineer, None, |call, _| {
+            let calls::Note { text } = parameters(call)?;
+            match text.chars().count() {
+                1..=NOTE_MAX => Ok(Action::Note(text)),
+                _ => Err(CallError::invalid("text", format_args!("1 to {NOTE_MAX} characters"))),
+            }
         }),
         method("SendControl", Stop, Some(Ascii), |call, _| send_control(&parameters(call)?)),
         method("Read", Observe, None, |call, info| read(&parameters(call)?, info.family())),

@@ -126,7 +126,7 @@ fn a_method_of_a_function_that_is_switched_off_says_so() {
     };
     let methods = BOARD_DESCRIPTION.lines().filter_map(|line| line.strip_prefix("method "));
     let methods: Vec<_> = methods.filter_map(|line| line.split('(').next()).collect();
-    assert_eq!(methods.len(), 26, "{methods:?}");
+    assert_eq!(methods.len(), 27, "{methods:?}");
     for method in methods {
         let call = json!({"method": format!("{BOARD}.{method}"), "parameters": {}});
         let call: Call = serde_json::from_value(call).unwrap();
@@ -150,7 +150,7 @@ fn a_method_of_a_function_that_is_switched_off_says_so() {
         assert_eq!(reason(json!([])) == UNKNOWN_FAMILY, writes, "{method}");
         assert_eq!(
             needed.is_none(),
-            ["GetInfo", "GetSettings", "SequenceRenew", "JogRenew", "Read", "Trace", "Write"]
+            ["GetInfo", "GetSettings", "SequenceRenew", "JogRenew", "Note", "Read", "Trace", "Write"]
                 .contains(&method)
         );
         assert!(!needed.is_some_and(|function| refused(json!([function, Function::Ascii]))), "{method}");
@@ -173,6 +173,9 @@ fn nothing_out_of_bounds_passes() {
         is_invalid(engineer("Write", words), "host_offset");
     }
     is_invalid(read(0, 0), "words");
+    for text in [String::new(), "x".repeat(201)] {
+        is_invalid(engineer("Note", json!({"text": text})), "text");
+    }
     is_invalid(read(0, 65), "words");
     assert_eq!(read(0x3FFE, 2), CallError::OutOfRange);
     for (method, parameters, name) in [

@@ -13,7 +13,7 @@
 //! | `sequences` | lines and jobs that belong together, each owned by a connection |
 //! | `first_start` | the questions to the board before a start |
 //! | `watches`, `tracing` | the registers that clients watch; the client that gets the trace of bus accesses |
-//! | `audit`, `program_errors` | the entries of the log, and how often they come |
+//! | `audit`, `program_errors`, `notes` | the entries of the log, and how often they come; the notes of clients |
 //!
 //! `daemon/motion` keeps which motors move, for which client, and the step of each stop; [`server`] drives the stops.
 //! `daemon/scripts` holds the daemon's dialogues with the board, step by step.
@@ -31,6 +31,7 @@ pub mod jobs;
 mod jog_to;
 pub mod listener;
 pub mod methods;
+mod notes;
 pub mod options;
 mod peer_groups;
 mod peer_process;

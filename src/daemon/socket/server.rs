@@ -36,6 +36,7 @@ use super::audit::AuditLimit;
 use super::call_table::{CallTable, Ended, Then};
 use super::clients::Clients;
 use super::listener::Listener;
+use super::notes::Notes;
 use super::options::{ServeError, ServeOptions};
 use super::policy::{Characters, Peer, PolicyError};
 use super::program_errors::ProgramErrors;
@@ -127,6 +128,7 @@ struct Service {
     leftovers: Leftovers,
     resets: Resets,
     sent_stops: SentStops,
+    notes: Notes,
     watches: Watches,
     tracing: Tracing,
     audit: AuditLimit,
@@ -155,6 +157,7 @@ impl Service {
             leftovers: Leftovers::default(),
             resets: Resets::default(),
             sent_stops: SentStops::default(),
+            notes: Notes::default(),
             watches: Watches::new(info.settings().plan.variable_read_entries as usize),
             tracing: Tracing::new(trace),
             audit: AuditLimit::default(),

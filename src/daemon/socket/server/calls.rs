@@ -85,6 +85,7 @@ impl Service {
                 let board = BoardInfo {
                     role,
                     unfinished,
+                    notes: self.notes.told(now),
                     elsewhere,
                     stops,
                     reset_ago_ms,
@@ -125,6 +126,13 @@ impl Service {
                 let going = self.ledger.jogs_by_line(caller.client, now);
                 let motors = going.numbers().filter_map(|motor| u8::try_from(motor).ok()).collect();
                 return Reply::with(&JogRenewReply { going: !going.is_empty(), motors }).map(Some);
+            }
+            Action::Note(text) => {
+                if !self.notes.add(caller.peer, text, now) {
+                    let reason = "a user leaves one note a second".to_owned();
+                    return Err(CallError::Refused { reason });
+                }
+                return Ok(Some(Reply::done()));
             }
             Action::CheckReset => {
                 self.question(caller, resets::QUESTION, CallStep::Resets(now), now + WATCH_TIMEOUT);
