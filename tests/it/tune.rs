@@ -68,7 +68,7 @@ fn what_a_motor_must_not_do_is_not_begun() {
         (
             &["tune", "parabolic", "1", "--time", "20", "--yes"],
             1,
-            "choose a smaller --size or a longer --time",
+            "choose a smaller --size or --time 716, the shortest here",
         ),
         (&["tune", "step", "9", "--yes"], 2, "there is no motor 9"),
         (&["tune", "step", "1", "--size", "0", "--yes"], 2, "--size must be"),
@@ -221,6 +221,22 @@ fn a_motor_that_is_not_brought_back_is_told_of() {
     }
     assert_eq!(site.ask("#1P"), ["10500"], "nothing moves it");
     site.assert_no_violations();
+}
+
+#[test]
+fn a_parabolic_move_takes_a_time_that_the_motor_keeps_and_tells_it() {
+    let site = site();
+    for (line, ms) in [("I117=0.01", 896), ("I119=0.005", 1268), ("I122=1", 2000)] {
+        site.ask(line);
+        let ran = site.hurried(|| site.run(&["tune", "parabolic", "1", "--yes", "--json"]));
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+        assert_eq!(ran.stderr, format!("the move takes {ms} ms, the shortest time that {line} allows\n"));
+        let document = ran.json();
+        assert_eq!(document["time_s"].as_f64(), Some(f64::from(ms) / 1e3), "{document}");
+        assert!(document["response"]["settling_time_s"].as_f64().unwrap() < 0.05, "{document}");
+    }
+    let ran = site.hurried(|| site.run(&["tune", "parabolic", "1", "--time", "1000", "--yes"]));
+    assert!(ran.code == Some(0) && ran.stderr.contains("than its jogs do (I119=0.005)"), "{ran:?}");
 }
 
 #[test]

@@ -14,13 +14,13 @@ use std::time::Duration;
 use clap::{Args, Subcommand};
 use serde_json::json;
 
-use self::moves::{ASKED, Plan, Settings, TuneMove};
+use self::moves::{ASKED, LONGEST_MS, Plan, Settings, TuneMove};
 use self::recorder::{Record, Recorder};
 use self::response::{BAND, Response, Settles};
 use crate::cli::act::jog::{motor, send};
 use crate::cli::act::wait::{Goal, Watch, is_no_replay, motors_end};
 use crate::cli::args::values::{seconds, table_path};
-use crate::cli::console::{Interrupt, TableFile, board_of, confirm};
+use crate::cli::console::{Interrupt, TableFile, board_of, confirm, note};
 use crate::cli::context::{Context, Failure, Verdict, check_numbers};
 use crate::cli::plot::{Figure, Panel, PicturePath, Trace, draw};
 use crate::client::Connection;
@@ -62,9 +62,10 @@ enum TuneCommand {
         /// The size of the move in counts; below 0 in the negative direction
         #[arg(long, value_name = "COUNTS", default_value = "1000", allow_negative_numbers = true)]
         size: f64,
-        /// How long the move takes, in ms
-        #[arg(long, value_name = "MS", default_value = "1000", value_parser = clap::value_parser!(u32).range(4..=60_000))]
-        time: u32,
+        /// How long the move takes, in ms [default: the shortest time that the motor's jogs allow, by Ix16, Ix17, Ix19
+        /// and Ix22]
+        #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u32).range(4..=i64::from(LONGEST_MS)))]
+        time: Option<u32>,
         #[command(flatten)]
         common: Common,
     },
@@ -161,6 +162,7 @@ fn tune(context: &mut Context, wanted: &WantedMove) -> Result<Verdict, Failure> 
         .map_err(|why| not_sent(Failure::Refused(why)))?;
     let tuning = Tuning { wanted, number, start, size, settings, plan };
     let Tuning { settings, plan, .. } = &tuning;
+    plan.remark.iter().for_each(note);
     if !confirm(&tuning.question(context)?, common.yes)? {
         return Ok(Verdict::No);
     }
@@ -293,8 +295,8 @@ impl Tuning<'_> {
         if context.output.is_json() {
             let Self { wanted, number, start, size, plan, .. } = self;
             return Ok(context.output.json(&json!({
-                "motor": number, "kind": wanted.kind(), "start": start, "size": size, "limit": plan.limit,
-                "samples": samples, "lost": lost, "response": response, "failed": failed,
+                "motor": number, "kind": wanted.kind(), "start": start, "size": size,
+                "time_s": plan.time_s, "limit": plan.limit, "samples": samples, "lost": lost, "response": response, "failed": failed,
             }))?);
         }
         context.output.line(format_args!("samples={samples} lost={lost}"))?;

@@ -13,10 +13,17 @@ pub enum TuneMove {
     /// The commanded position goes to its end in 2 ms: the motor begins to slow down as soon as it has come to its
     /// speed.
     Step,
-    /// The move takes this time, in ms. Its velocity is made of parabolas: up in one half of the time, down in the
-    /// other.
-    Parabolic(u32),
+    /// The move takes this time, in ms, or the shortest that the motor allows. Its velocity is made of parabolas: up in
+    /// one half of the time, down in the other.
+    Parabolic(Option<u32>),
 }
+
+/// The longest parabolic move, in ms.
+pub const LONGEST_MS: u32 = 60_000;
+/// The variables that bound what programs may ask of the motor: speed in counts/ms, acceleration in counts/ms^2.
+const OF_PROGRAMS: [usize; 2] = [16, 17];
+/// As [`OF_PROGRAMS`], with the speed and the acceleration of the motor's jogs.
+const OF_JOGS: [usize; 4] = [16, 17, 19, 22];
 
 /// I-variables of the motor, in the order of the questions: fatal limit, software limits, fastest and steepest of
 /// programs, and of jogs.
@@ -60,8 +67,8 @@ impl Settings {
     pub fn changes(&self, now: &Self, motor: u8) -> String {
         let is_other = |number: &&usize| self.text(**number) != now.text(**number);
         let changed = ASKED.iter().filter(is_other).map(|number| {
-            let name = IVariables::motor(motor.into(), *number);
-            format!("I{name} was {}, and is {} now", self.text(*number), now.text(*number))
+            let name = name(motor, *number);
+            format!("{name} was {}, and is {} now", self.text(*number), now.text(*number))
         });
         changed.collect::<Vec<_>>().join("; ")
     }
@@ -77,6 +84,8 @@ impl Settings {
 pub struct Plan {
     /// How long the commanded position takes, in seconds.
     pub time_s: f64,
+    /// A remark on the time of the move, for the user.
+    pub remark: Option<String>,
     /// The following error in counts at which the board kills the motor meanwhile.
     pub limit: f64,
     values: [f64; SET.len()],
@@ -95,7 +104,7 @@ impl Plan {
         limit: Option<f64>,
         settings: &Settings,
     ) -> Result<Self, String> {
-        let x = |number| format!("I{}", IVariables::motor(motor.into(), number));
+        let x = |number| name(motor, number);
         let length = size.abs();
         let own = settings.bound(11).map(|limit| limit / PER_COUNT);
         let asked = limit.or(own.map(|_| 2.0 * length));
@@ -132,28 +141,16 @@ impl Plan {
             return Err(format!("{end} counts lie beyond the software limit of {limit} ({})", x(number)));
         }
         let limit_sixteenths = (limit * PER_COUNT).floor().max(1.0);
-        let (time_ms, values) = match what {
+        let (time_ms, remark, values) = match what {
             // Fast enough that half of the way is speeding up.
-            TuneMove::Step => (2.0, [limit_sixteenths, 2.0 * length, 1.0, 0.0, length]),
-            TuneMove::Parabolic(time_ms) => {
-                // Whole milliseconds.
-                let quarter = f64::from(time_ms.div_ceil(4).max(1));
-                let time = 4.0 * quarter;
-                let (speed, steepest) = (2.0 * length / time, 8.0 * length / (time * time));
-                let bounds = [(16, speed, "counts/ms"), (17, steepest, "counts/ms^2")];
-                for (number, needed, unit) in bounds {
-                    if let Some(most) = settings.bound(number).filter(|most| needed > *most) {
-                        return Err(format!(
-                            "the move needs {needed:.4} {unit}, more than programs may ask of the motor ({}={most}); \
-                             choose a smaller --size or a longer --time",
-                            x(number)
-                        ));
-                    }
-                }
-                (time, [limit_sixteenths, 2.0 * steepest, 2.0 * quarter, quarter, speed])
+            TuneMove::Step => (2.0, None, [limit_sixteenths, 2.0 * length, 1.0, 0.0, length]),
+            TuneMove::Parabolic(asked) => {
+                let parabola = Parabola::new(length, asked, motor, settings)?;
+                let remark = parabola.remark(asked.is_none(), motor, settings);
+                (parabola.time(), remark, parabola.values(limit_sixteenths))
             }
         };
-        Ok(Self { time_s: time_ms / 1e3, limit: limit_sixteenths / PER_COUNT, values })
+        Ok(Self { time_s: time_ms / 1e3, remark, limit: limit_sixteenths / PER_COUNT, values })
     }
 
     /// The lines that set the motor's jog variables.
@@ -162,8 +159,91 @@ impl Plan {
     }
 }
 
+/// A parabolic move.
+struct Parabola {
+    length: f64,
+    /// A quarter of its time, in whole ms.
+    quarter: u32,
+}
+
+impl Parabola {
+    /// A move by `length` counts that takes `time_ms`, or else the shortest time in which it is no faster and no steeper
+    /// than the motor's jogs.
+    fn new(length: f64, time_ms: Option<u32>, motor: u8, settings: &Settings) -> Result<Self, String> {
+        let said = |number| format!("{}={}", name(motor, number), settings.text(number));
+        let Some(time_ms) = time_ms else {
+            if [17, 19].iter().all(|number| settings.bound(*number).is_none()) {
+                let both = [17, 19].map(said).join(", ");
+                return Err(format!("no acceleration is known that the motor keeps ({both}); give --time"));
+            }
+            return Self::shortest(length, settings, &OF_JOGS).ok_or_else(|| {
+                let bounds = OF_JOGS.map(said).join(", ");
+                format!("the motor needs more than {LONGEST_MS} ms ({bounds}); choose a smaller --size")
+            });
+        };
+        let parabola = Self { length, quarter: time_ms.div_ceil(4).max(1) };
+        let Some(number) = parabola.beyond(settings, &OF_PROGRAMS) else { return Ok(parabola) };
+        let unit = if number == 16 { "counts/ms" } else { "counts/ms^2" };
+        let shortest = Self::shortest(length, settings, &OF_PROGRAMS)
+            .map_or(String::new(), |shortest| format!(" or --time {}, the shortest here", shortest.time()));
+        Err(format!(
+            "the move needs {:.4} {unit}, more than programs may ask of the motor ({}); choose a smaller --size{shortest}",
+            parabola.needs(number),
+            said(number)
+        ))
+    }
+
+    /// The shortest move that keeps `bounds`.
+    fn shortest(length: f64, settings: &Settings, bounds: &[usize]) -> Option<Self> {
+        let mut all = (1..=LONGEST_MS / 4).map(|quarter| Self { length, quarter });
+        all.find(|parabola| parabola.beyond(settings, bounds).is_none())
+    }
+
+    /// Tells a time that is `chosen` and the variable that forbids a shorter time; or that the user's time asks more than
+    /// the motor's jogs.
+    fn remark(&self, chosen: bool, motor: u8, settings: &Settings) -> Option<String> {
+        let quarter = self.quarter - u32::from(chosen);
+        let bound = Self { quarter, ..*self }.beyond(settings, &OF_JOGS).filter(|_| quarter > 0);
+        let said = bound.map(|number| format!("{}={}", name(motor, number), settings.text(number)));
+        match said {
+            Some(said) if chosen => {
+                Some(format!("the move takes {} ms, the shortest time that {said} allows", self.time()))
+            }
+            None if chosen => Some(format!("the move takes {} ms", self.time())),
+            said => said.map(|said| format!("the move asks more of the motor than its jogs do ({said})")),
+        }
+    }
+
+    /// The first of `bounds` that the move breaks.
+    fn beyond(&self, settings: &Settings, bounds: &[usize]) -> Option<usize> {
+        let breaks = |number: &usize| settings.bound(*number).is_some_and(|most| self.needs(*number) > most);
+        bounds.iter().copied().find(breaks)
+    }
+
+    /// The speed or the largest acceleration of the move, whichever variable `number` bounds.
+    fn needs(&self, number: usize) -> f64 {
+        let speed = 2.0 * self.length / self.time();
+        if [16, 22].contains(&number) { speed } else { 4.0 * speed / self.time() }
+    }
+
+    /// In ms.
+    fn time(&self) -> f64 {
+        4.0 * f64::from(self.quarter)
+    }
+
+    /// The values of [`SET`].
+    fn values(&self, limit_sixteenths: f64) -> [f64; SET.len()] {
+        let quarter = f64::from(self.quarter);
+        [limit_sixteenths, 2.0 * self.needs(19), 2.0 * quarter, quarter, self.needs(22)]
+    }
+}
+
+fn name(motor: u8, number: usize) -> String {
+    format!("I{}", IVariables::motor(motor.into(), number))
+}
+
 fn line(motor: u8, number: usize, value: impl std::fmt::Display) -> String {
-    format!("I{}={value}", IVariables::motor(motor.into(), number))
+    format!("{}={value}", name(motor, number))
 }
 
 #[cfg(test)]
@@ -192,7 +272,7 @@ mod tests {
         assert_eq!(lines(TuneMove::Step, 0.5, Some(1.0)), "I311=16 I319=1 I320=1 I321=0 I322=0.5");
         assert_eq!(lines(TuneMove::Step, 1000.0, Some(1e9)), "I311=32000 I319=2000 I320=1 I321=0 I322=1000");
         assert_eq!(
-            lines(TuneMove::Parabolic(500), 1000.0, None),
+            lines(TuneMove::Parabolic(Some(500)), 1000.0, None),
             "I311=32000 I319=0.064 I320=250 I321=125 I322=4"
         );
         assert_eq!(factory.put_back(3), ["I311=32000", "I319=0.015625", "I320=0", "I321=50", "I322=32"]);
@@ -209,8 +289,14 @@ mod tests {
         assert!(why(TuneMove::Step, 100.0, Some(524_288.0), &unlimited).contains("a --limit up to 524287"));
         let lines = plan(TuneMove::Step, 100.0, Some(524_287.0), &unlimited).unwrap();
         assert_eq!(lines[0], "I311=8388592");
-        assert!(why(TuneMove::Parabolic(10), 1000.0, None, &factory).contains("I316=32"));
-        assert!(why(TuneMove::Parabolic(100), 1000.0, None, &factory).contains("I317=0.5"));
+        let why_not = |time, size| why(TuneMove::Parabolic(Some(time)), size, None, &factory);
+        assert!(
+            why_not(10, 1000.0)
+                .contains("I316=32); choose a smaller --size or --time 128, the shortest here")
+        );
+        assert!(why_not(100, 1000.0).contains("I317=0.5); choose a smaller --size or --time 128"));
+        assert!(plan(TuneMove::Parabolic(Some(128)), 1000.0, None, &factory).is_ok());
+        assert!(why_not(60_000, 1e6).ends_with("choose a smaller --size"), "{}", why_not(60_000, 1e6));
         let fenced = settings("$7D00", "150", "-20");
         assert!(
             why(TuneMove::Step, 60.0, None, &fenced)
@@ -218,6 +304,39 @@ mod tests {
         );
         assert!(why(TuneMove::Step, -130.0, None, &fenced).contains("limit of -20 (I314)"));
         assert!(plan(TuneMove::Step, 50.0, None, &fenced).is_ok());
+    }
+
+    #[test]
+    fn a_parabolic_move_takes_the_shortest_time_that_the_jogs_of_the_motor_allow() {
+        let plan = |time, size, values: [&str; 4]| {
+            let [speed, steepest, jog_steepest, jog_speed] = values;
+            let reply =
+                ["32000", "0", "0", speed, steepest, jog_steepest, "0", "50", jog_speed].map(str::to_owned);
+            let settings = Settings::of(reply.into()).unwrap();
+            Plan::new(TuneMove::Parabolic(time), 3, (100.0, size), None, &settings)
+        };
+        for (values, ms, bound) in [
+            (["32", "0.5", "0.015625", "32"], 716.0, "I319=0.015625"),
+            (["32", "0.5", "100", "32"], 128.0, "I317=0.5"),
+            (["32", "0", "100", "2"], 1000.0, "I322=2"),
+            (["0.5", "0", "100", "0"], 4000.0, "I316=0.5"),
+        ] {
+            let plan = plan(None, -1000.0, values).unwrap();
+            assert_eq!(plan.time_s * 1e3, ms);
+            let told = format!("the move takes {ms} ms, the shortest time that {bound} allows");
+            assert_eq!(plan.remark, Some(told));
+        }
+        assert_eq!(
+            plan(None, 0.001, ["32", "0.5", "1", "32"]).unwrap().remark.unwrap(),
+            "the move takes 4 ms"
+        );
+        let remark = |time| plan(Some(time), 1000.0, ["32", "0.5", "0.015625", "32"]).unwrap().remark;
+        assert_eq!(remark(716), None);
+        assert!(remark(712).unwrap().ends_with("than its jogs do (I319=0.015625)"));
+        let why = plan(None, 1000.0, ["32", "0", "0", "32"]).unwrap_err();
+        assert_eq!(why, "no acceleration is known that the motor keeps (I317=0, I319=0); give --time");
+        let why = plan(None, 1e6, ["32", "0.5", "0.001", "32"]).unwrap_err();
+        assert!(why.starts_with("the motor needs more than 60000 ms (I316=32, "), "{why}");
     }
 
     #[test]
