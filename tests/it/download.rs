@@ -319,3 +319,49 @@ fn a_file_that_clears_a_board_downloads() {
     assert_eq!(sent(&site, "&1#1-> #2-> &2#1-> #2-> I58"), "100X\n0\n0\nY\n1\n");
     site.assert_no_violations();
 }
+
+/// What a prologue clears, and a file that begins as if a buffer were open.
+#[test]
+fn a_prologue_is_told_and_clears_what_it_says() {
+    let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+    site.wait_for_identity();
+    let path = site.file("next.pmc", "P5=7\n");
+    let plc_runs = || {
+        site.ask("P1=0").is_empty() && {
+            site.run_for(std::time::Duration::from_millis(200));
+            site.ask("P1") != ["0"]
+        }
+    };
+    for line in ["OPEN PLC 3 CLEAR", "P1=1", "CLOSE", "I5=2", "ENABLE PLC 3", "DEFINE GATHER 10"] {
+        assert_eq!(site.run(&["send", line]).code, Some(0), "{line}");
+    }
+    site.ask("&1#1->100X");
+    site.ask("OPEN PROG 9 CLEAR");
+    let ran = site.run(&["download", &path, "--prologue"]);
+    let said = "has had PROG 9 open";
+    assert!(ran.code == Some(1) && ran.stderr.contains(said), "it closes no client's buffer: {ran:?}");
+    site.ask("CLOSE");
+    let ran = site.run(&["download", &path, "--prologue"]);
+    assert_eq!((ran.stderr.as_str(), ran.code), ("before the file: CLOSE, DELETE GATHER\n", Some(0)));
+    assert_eq!((sent(&site, "P5"), sent(&site, "&1#1->")), ("7\n".into(), "100X\n".into()));
+    assert_eq!(site.run(&["send", "LIST GATHER"]).code, Some(1), "no gather buffer");
+    assert!(plc_runs());
+
+    let all = ["download", &path, "--prologue=plcs,undefine"];
+    let effects = "PLC programs 0 to 31 STOP, and stay disabled until ENABLE PLC; the axis definitions of all coordinate systems are lost.";
+    let ran = site.run(&all);
+    assert!(
+        ran.code == Some(2) && ran.stderr.contains(effects) && ran.stderr.contains("nothing was sent"),
+        "{ran:?}"
+    );
+    assert!(plc_runs());
+    let lines = "CLOSE\nDELETE GATHER\nDISABLE PLC 0..31\nUNDEFINE ALL\nP5=7\n";
+    assert_eq!(site.run(&[&all[..], &["--dry-run"]].concat()).stdout, lines);
+    let ran = site.run(&[&all[..], &["--yes", "--json"]].concat());
+    let told = "before the file: CLOSE, DELETE GATHER, DISABLE PLC 0..31, UNDEFINE ALL\n";
+    assert_eq!((ran.stderr.as_str(), ran.code), (told, Some(0)));
+    assert_eq!(ran.json(), json!({ "lines": 5, "taken": 5, "errors": [] }));
+    assert_eq!(sent(&site, "&1#1->"), "0\n");
+    assert!(!plc_runs());
+    site.assert_no_violations();
+}

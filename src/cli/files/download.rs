@@ -12,6 +12,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::mistakes::mistaken;
+use super::prologue::{self, Clears};
 use super::prose;
 use crate::cli::args::values::line_timeout;
 use crate::cli::console::input::read;
@@ -36,6 +37,9 @@ pub struct Download {
     /// stdin
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
+    /// First send CLOSE and DELETE GATHER; with =plcs also DISABLE PLC 0..31, with =undefine UNDEFINE ALL, after asking
+    #[arg(long, value_name = "plcs,undefine", num_args = 0.., require_equals = true, value_delimiter = ',')]
+    pub prologue: Option<Vec<Clears>>,
     /// Print the lines and send none
     #[arg(long)]
     pub dry_run: bool,
@@ -49,19 +53,27 @@ pub struct Download {
     #[arg(long, value_name = "S", default_value = "10", value_parser = line_timeout, allow_negative_numbers = true)]
     pub timeout: Duration,
     /// Also send lines that pmacd refuses otherwise: I58=0, which ends command lines for everybody; $$$ and SAVE while
-    /// other users' work runs
+    /// other users' work runs. Do not ask before a prologue
     #[arg(long)]
     pub yes: bool,
 }
 
 pub fn run(context: &mut Context, options: &Download) -> Result<Verdict, Failure> {
-    let lines = preprocess(&options.files, &|path| read(path, LARGEST_FILE))
+    let mut lines = preprocess(&options.files, &|path| read(path, LARGEST_FILE))
         .map_err(|mistakes| mistaken(&mistakes))?;
     if !options.force {
         prose::check(&lines).map_err(|mistake| mistaken(&[mistake]))?;
     }
+    if let Some(clears) = &options.prologue {
+        lines.splice(0..0, prologue::lines(clears));
+    }
     if options.dry_run {
         return dry_run(context, &lines);
+    }
+    if let Some(clears) = &options.prologue
+        && !prologue::tell(context, clears, options.yes)?
+    {
+        return Ok(Verdict::No);
     }
     let stop = Interrupt::listen()?;
     let connection = context.connection()?.confirming(options.yes);

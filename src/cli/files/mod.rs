@@ -6,6 +6,7 @@ mod listings;
 mod meaning;
 mod mistakes;
 pub mod preprocess;
+mod prologue;
 mod prose;
 pub mod saved;
 pub mod sequence;
