@@ -113,7 +113,7 @@ fn a_name_is_explained_without_a_daemon() {
     ] {
         assert!(all.stdout.contains(part), "{part}: {}", all.stdout);
     }
-    let one = pmacctl("explain --family turbo2 Ixx11 I5187 ERR022 Y:$060070 --json").json();
+    let one = pmacctl("explain --family turbo2 Ixx11 I5187 ERR022 Y:$06001C --json").json();
     let told = |place: usize, key: &str| one[place][key].clone();
     assert_eq!((told(0, "of"), told(0, "default")), ("each motor".into(), "32000".into()));
     assert_eq!((told(1, "of"), told(1, "unit")), ("coordinate system 1".into(), "ms".into()));
