@@ -175,6 +175,8 @@ pub struct RotaryStream {
     /// The host has already counted the ring as empty since the last line.
     dry: bool,
     finished: bool,
+    /// The header is marked as not in use since the set-up.
+    closed: bool,
 }
 
 impl RotaryStream {
@@ -198,6 +200,7 @@ impl RotaryStream {
             filled: false,
             dry: false,
             finished: false,
+            closed: false,
         };
         family.rotary.headers.iter().map(stream).collect()
     }
@@ -264,6 +267,28 @@ impl RotaryStream {
         Ok(())
     }
 
+    /// Marks the buffer as not in use: PMAC takes no more lines out of it, even while the transfer is enabled for other
+    /// buffers. [`Self::state`] still tells how far PMAC has read.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn close(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        self.closed = true;
+        bus.write16(self.header.plus_words(rotary_header::SIZE), 0)?;
+        bus.order_writes();
+        Ok(())
+    }
+
+    /// Whether the ring of `setup` would share a word with this buffer's, of which PMAC may still take lines.
+    #[must_use]
+    pub fn is_in_way_of(&self, setup: &RotarySetup) -> bool {
+        let is_over = self.closed || self.finished && self.ahead == 0;
+        let end = |start: HostOffset, longs: u32| start.bytes() + 4 * longs;
+        !is_over
+            && self.start.bytes() < end(setup.start, setup.size_longs)
+            && setup.start.bytes() < end(self.start, self.size)
+    }
+
     /// The board has forgotten the buffer, for instance by a reset: the host must set it up again.
     pub fn reset(&mut self) {
         self.line_ends.fill(0);
@@ -279,6 +304,7 @@ impl RotaryStream {
             filled: false,
             dry: false,
             finished: false,
+            closed: false,
             ..*self
         };
     }

@@ -56,6 +56,7 @@ mod rotary;
 mod rotary_beside;
 mod rotary_end;
 mod rotary_stream;
+mod rotary_together;
 mod segment;
 mod segment_hostile;
 mod segment_life;

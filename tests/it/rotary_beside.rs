@@ -2,18 +2,24 @@
 
 use std::io::Write;
 use std::os::unix::net::UnixStream;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::thread::JoinHandle;
 
-use pmac_dpram::client::{RotaryFeed, RotaryLine, RotaryPlace};
-use serde_json::Value;
+use pmac_dpram::client::RotaryPlace;
+use pmac_dpram::protocol::board::RotaryStopReply;
+use pmac_dpram::protocol::calls::Offset;
+use serde_json::{Value, json};
 
-use crate::support::VirtualSite;
+use crate::support::raw::Raw;
+use crate::support::{VirtualSite, joined};
 
-/// Moves by one and back, for longer than any test here.
-fn lines() -> Vec<RotaryLine> {
-    (0..4000).map(|line| vec![(0x00_0E22 + line % 2, 0x50_0000)]).collect()
+/// The words of line `number`: the lines move by one and back.
+pub fn words(number: u32) -> [u32; 2] {
+    [0x00_0E22 + number % 2, 0x50_0000]
 }
 
-fn place() -> RotaryPlace {
+pub fn place() -> RotaryPlace {
     RotaryPlace {
         buffer: 1,
         size_longs: Some(40),
@@ -26,31 +32,90 @@ fn place() -> RotaryPlace {
     }
 }
 
-fn running(family: &str) -> VirtualSite {
+pub fn running(family: &str) -> VirtualSite {
     let site = VirtualSite::configured(&["--family", family], &format!("family = {family:?}\n"));
     site.wait_until("a board that takes commands", || site.pmacctl(&["send", "#1J/"]).0 == 0);
     site.ask("&1 #1->X");
     site
 }
 
-/// Begins a stream, and feeds it until its program runs.
-fn streaming<'a>(site: &VirtualSite, lines: &'a [RotaryLine]) -> RotaryFeed<'a> {
-    let mut owner = site.connection();
-    owner.rotary_start(place()).unwrap();
-    let mut feed = RotaryFeed::new(owner, 1, lines);
-    site.wait_until("a program that runs", || {
-        feed.step().unwrap();
-        site.log().contains("sends \"&1R\"")
-    });
-    feed
+/// The client of a stream. It feeds line after line from a thread of its own, and waits long for the daemon: on a busy
+/// machine the world is slow.
+pub struct Client {
+    /// How many lines are in.
+    inside: Arc<AtomicU32>,
+    is_over: Arc<AtomicBool>,
+    thread: JoinHandle<Option<RotaryStopReply>>,
+}
+
+impl Client {
+    /// Begins a stream, and feeds it. Returns when its program runs and both of its buffers are full.
+    pub fn of(site: &VirtualSite, place: RotaryPlace) -> Self {
+        let run = format!("sends \"&{}R\"", place.coordinate_system);
+        let runs = site.log().matches(&run).count();
+        let mut raw = Raw::at(&site.socket());
+        let start = json!({
+            "buffer": place.buffer,
+            "start": place.start.map(Offset),
+            "size_longs": place.size_longs,
+            "coordinate_system": place.coordinate_system,
+            "coordinate_system_base": place.coordinate_system_base,
+            "define_longs": place.define_longs,
+            "left": place.left,
+            "run": place.run,
+            "modes": place.modes,
+        });
+        raw.call("RotaryStart", start);
+        let begun = raw.receive().unwrap();
+        assert!(begun["error"].is_null(), "{begun}");
+        let (inside, is_over) = (Arc::new(AtomicU32::new(0)), Arc::new(AtomicBool::new(false)));
+        let (count, ends) = (Arc::clone(&inside), Arc::clone(&is_over));
+        let thread = std::thread::spawn(move || {
+            for number in 0.. {
+                let lines = json!([{ "words": words(number) }]);
+                let send =
+                    json!({"buffer": place.buffer, "lines": lines, "first": number, "timeout_ms": 60_000});
+                raw.call("RotarySend", send);
+                if !raw.receive()?["error"].is_null() || ends.load(Ordering::Relaxed) {
+                    break;
+                }
+                count.store(number + 1, Ordering::Relaxed);
+            }
+            raw.call("RotaryStop", json!({"buffer": place.buffer}));
+            serde_json::from_value(raw.receive()?["parameters"].clone()).ok()
+        });
+        site.wait_until("a program that runs", || site.log().matches(&run).count() > runs);
+        let mut other = site.connection();
+        site.wait_until("lines that wait", || {
+            other.rotary_state(place.buffer).is_ok_and(|state| state.ahead_lines > 10)
+        });
+        Self { inside, is_over, thread }
+    }
+
+    /// Waits until lines go in.
+    #[track_caller]
+    pub fn goes_on(&self, site: &VirtualSite) {
+        let before = self.inside.load(Ordering::Relaxed);
+        site.wait_until("lines that go in", || self.inside.load(Ordering::Relaxed) > before);
+    }
+
+    /// Ends the stream, or hears how it has ended; `None` if the daemon is gone.
+    pub fn end(self, site: &VirtualSite) -> Option<RotaryStopReply> {
+        self.is_over.store(true, Ordering::Relaxed);
+        site.hurried(|| joined(self.thread))
+    }
+
+    /// Ends the stream, or hears how it has ended.
+    pub fn stop(self, site: &VirtualSite) -> RotaryStopReply {
+        self.end(site).unwrap()
+    }
 }
 
 #[test]
 fn lines_gathers_and_jogs_of_others_go_on_while_a_binary_stream_goes() {
     for (family, flag) in [("pmac", 1 << 6), ("turbo2", 1 << 20)] {
         let site = running(family);
-        let lines = lines();
-        let mut feed = streaming(&site, &lines);
+        let stream = Client::of(&site, place());
         assert!(site.log().contains("sends \"&1ABS(X)\""), "{}", site.log());
         let second = u32::from_str_radix(&site.ask("???")[0][6..12], 16).unwrap();
         assert_eq!(second & (0b111 << 17 | flag), flag, "{family}: {second:06X}");
@@ -73,10 +138,8 @@ fn lines_gathers_and_jogs_of_others_go_on_while_a_binary_stream_goes() {
         // Nobody is told that a program buffer is open.
         let status: Value = site.run(&["status", "--json"]).json();
         assert!(status["socket"]["open_buffer"].is_null(), "{status}");
-        for _ in 0..20 {
-            feed.step().unwrap();
-        }
-        assert_eq!(feed.stop().unwrap().reason, None, "{family}: it has gone on");
+        stream.goes_on(&site);
+        assert_eq!(stream.stop(&site).reason, None, "{family}");
         let second = u32::from_str_radix(&site.ask("???")[0][6..12], 16).unwrap();
         assert_eq!(second & flag, 0, "{family}: closed");
         site.assert_no_violations();
@@ -87,8 +150,7 @@ fn lines_gathers_and_jogs_of_others_go_on_while_a_binary_stream_goes() {
 fn a_board_without_binary_entry_is_streamed_to_by_open_rot_which_shuts_others_out() {
     let site = running("pmac");
     site.control("fault no_binary_rotary on");
-    let lines = lines();
-    let mut feed = streaming(&site, &lines);
+    let stream = Client::of(&site, place());
     let log = site.log();
     let [binary, text] =
         ["OPEN BINARY ROTARY", "OPEN ROT"].map(|line| log.find(&format!("sends {line:?}")).unwrap());
@@ -96,23 +158,9 @@ fn a_board_without_binary_entry_is_streamed_to_by_open_rot_which_shuts_others_ou
     let refused = site.run(&["send", "P5=7"]);
     assert!(refused.code == Some(1) && refused.stderr.contains("has had ROT open"), "{refused:?}");
     assert_eq!(site.ask("#1P").len(), 1, "what is on-line only goes");
-    assert_eq!(feed.stop().unwrap().reason, None);
+    assert_eq!(stream.stop(&site).reason, None);
     assert_eq!(site.ask("I57"), ["0"]);
     site.assert_no_violations();
-}
-
-#[test]
-fn a_second_stream_does_not_switch_the_first_ones_transfer_off() {
-    let site = running("pmac");
-    let lines = lines();
-    let mut feed = streaming(&site, &lines);
-    let other = RotaryPlace { buffer: 2, coordinate_system: 2, define_longs: None, ..place() };
-    let error = site.connection().rotary_start(other).unwrap_err().to_string();
-    assert!(error.contains("the board has one rotary stream at a time: uid"), "{error}");
-    for _ in 0..20 {
-        feed.step().unwrap();
-    }
-    assert_eq!(feed.stop().unwrap().reason, None);
 }
 
 #[test]
@@ -150,13 +198,12 @@ fn no_other_line_goes_before_a_stream() {
 fn a_close_and_an_open_of_somebody_else_leave_no_stream_that_feeds_on() {
     for family in ["pmac", "turbo2"] {
         let site = running(family);
-        let lines = lines();
-        let mut feed = streaming(&site, &lines);
+        let stream = Client::of(&site, place());
         for line in ["CLOSE", "OPEN ROT"] {
             assert_eq!(site.run(&["send", line]).code, Some(0), "{family} {line}");
         }
         site.wait_until("the stream's end", || site.log().contains("ends the rotary stream"));
-        let reason = feed.stop().unwrap().reason.unwrap_or_default();
+        let reason = stream.stop(&site).reason.unwrap_or_default();
         assert!(reason.contains("closed the rotary buffers"), "{family}: {reason}");
         assert_eq!(site.run(&["send", "CLOSE"]).code, Some(0));
         // Where the buffer was open before the daemon could end the program, the end comes behind this CLOSE.
@@ -168,13 +215,10 @@ fn a_close_and_an_open_of_somebody_else_leave_no_stream_that_feeds_on() {
 #[test]
 fn a_stream_leaves_alone_what_others_have_addressed() {
     let site = running("turbo2");
-    let lines = lines();
-    let mut feed = streaming(&site, &lines);
+    let stream = Client::of(&site, place());
     site.ask("&2");
-    for _ in 0..20 {
-        feed.step().unwrap();
-        site.run_for(std::time::Duration::from_millis(100));
-    }
+    site.run_for(std::time::Duration::from_secs(2));
+    stream.goes_on(&site);
     assert_eq!(site.ask("&"), ["2"]);
-    assert_eq!(feed.stop().unwrap().reason, None);
+    assert_eq!(stream.stop(&site).reason, None);
 }

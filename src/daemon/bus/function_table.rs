@@ -538,6 +538,7 @@ impl FunctionTable {
                 }
             }
             Job::RotaryFinish(buffer) => self.rotary.finish(buffer, now),
+            Job::RotaryClose(buffer) => self.rotary.close(*bus, buffer)?,
         };
         Ok(Some(Event::Done(ticket, outcome)))
     }

@@ -9,8 +9,8 @@ use super::*;
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::open_buffer::Barred;
 use crate::daemon::shared::queue::Text;
-use crate::map::PMAC;
 use crate::map::functions::OPEN_BINARY;
+use crate::map::{Family, PMAC, TURBO2};
 use crate::protocol::{BoardInfo, BoardSettings, CommandPort, calls};
 
 const OWNER: Peer = Peer { uid: Uid::from_raw(1000), gid: Gid::from_raw(1000), pid: 7 };
@@ -22,6 +22,8 @@ const ENDINGS: [Ending; 6] = [
     Ending::AllStopped(OWNER, 1),
     Ending::Aborted(OWNER),
 ];
+/// The bits of `???` for binary entry, of a PMAC and of a Turbo board.
+const BINARY_OPEN: u32 = 1 << 6 | 1 << 20;
 /// More steps than any sequence here takes until its owner calls no more.
 const STEPS: usize = 40;
 
@@ -77,13 +79,14 @@ impl Board {
         *self = Self { reports: self.reports, resets: self.resets + 1, ..Self::new(self.reports, false) };
     }
 
+    /// Coordinate system 2 is like coordinate system 1.
     fn line(&mut self, line: &str) -> Option<String> {
         let running = |runs| if runs { "000001000000" } else { "000000000000" };
-        match line {
+        match &*line.replace("&2", "&1") {
             "I48" => return Some(u8::from(self.reports).to_string()),
             "I19" => return Some(self.period.clone()),
             "???" => {
-                let (first, second) = (u32::from(self.gathers) << 19, u32::from(self.open) << 6);
+                let (first, second) = (u32::from(self.gathers) << 19, u32::from(self.open) * BINARY_OPEN);
                 return Some(format!("{first:06X}{second:06X}"));
             }
             "GATHER" if self.reports && !self.report_runs => self.report_runs = true,
@@ -159,9 +162,8 @@ impl Board {
                 done.result = Ok(self.line(line).into_iter().collect());
             }
             Request::Control(_) => {
-                let systems = ["000000000000"; 7].join(" ");
-                let first = if self.runs { "000001000000" } else { "000000000000" };
-                done.result = Ok(vec![format!("{first} {systems}")]);
+                let system = if self.runs { "000001000000" } else { "000000000000" };
+                done.result = Ok(vec![[system; 8].join(" ")]);
             }
             Request::Read { count, .. } => {
                 self.timer += u16::from(self.report_runs);
@@ -209,8 +211,12 @@ fn drive(
     }
 }
 
+fn info_of(family: &'static Family) -> Info {
+    Info::new(family, BoardInfo::default(), BoardSettings::default())
+}
+
 fn info() -> Info {
-    Info::new(&PMAC, BoardInfo::default(), BoardSettings::default())
+    info_of(&PMAC)
 }
 
 fn a_gather() -> Script {
@@ -272,19 +278,63 @@ fn a_gather_of_which_a_step_fails_leaves_the_board_as_it_was_and_is_followed_no_
 }
 
 fn stream(left: Option<calls::LeftLines>) -> Script {
+    stream_beside(&PMAC, 1, left, &Entry::default())
+}
+
+/// The stream into coordinate system `cs` beside the other streams of `entry`.
+fn stream_beside(family: &'static Family, cs: u8, left: Option<calls::LeftLines>, entry: &Entry) -> Script {
     let call = calls::RotaryStart {
-        buffer: 1,
+        buffer: cs,
         start: None,
         size_longs: Some(40),
-        coordinate_system: 1,
+        coordinate_system: cs,
         coordinate_system_base: 1,
         define_longs: None,
         left,
-        run: Some(true),
+        // The board counts one program's lines.
+        run: Some(cs == 1),
         may_stand: None,
         modes: Vec::new(),
     };
-    rotary(RotaryCall::of(call, &info()).unwrap())
+    rotary(RotaryCall::of(call, &info_of(family)).unwrap(), entry.clone())
+}
+
+/// Takes steps of `machine` until it is over, or has taken `count` steps. `done` is the step that it hears of next.
+fn advance(machine: &mut Script, board: &mut Board, done: &mut Option<Done>, count: usize) {
+    let (mut now, mut steps) = (Instant::now(), 0);
+    while steps < count {
+        match machine.next(done.take(), now) {
+            Step::Over(_) => return,
+            Step::Wait(moment) => now = moment,
+            Step::Rest | Step::Answer(_) | Step::Tell(_) | Step::AnswerEnd(_) => {}
+            Step::Board(request, _) => {
+                *done = Some(board.take(&request, Outcome::Done));
+                steps += 1;
+            }
+        }
+    }
+}
+
+#[test]
+fn the_last_stream_closes_what_another_one_opened_however_far_it_came() {
+    for (family, cut, order) in [&PMAC, &TURBO2]
+        .into_iter()
+        .flat_map(|family| (0..STEPS).map(move |cut| (family, cut)))
+        .flat_map(|(family, cut)| [[0, 1], [1, 0]].map(|order| (family, cut, order)))
+    {
+        let (mut board, entry) = (Board::new(true, true), Entry::default());
+        let mut streams = [1, 2].map(|cs| (stream_beside(family, cs, None, &entry), None));
+        for ((machine, done), count) in streams.iter_mut().zip([STEPS, cut]) {
+            advance(machine, &mut board, done, count);
+        }
+        assert!(board.open, "{} {cut}: the first one has opened", family.name);
+        for index in order {
+            let (machine, done) = &mut streams[index];
+            machine.end(Ending::OwnerGone);
+            advance(machine, &mut board, done, 4 * STEPS);
+        }
+        assert!(!board.open && !board.transfer, "{} {cut} {order:?}: {board:?}", family.name);
+    }
 }
 
 #[test]

@@ -33,7 +33,7 @@ use std::time::{Duration, Instant};
 
 pub use gather::{GatherCall, gather, stop_gather};
 pub use lines::{Batch, lines};
-pub use rotary::{RotaryCall, lines_left, rotary};
+pub use rotary::{Entry, RotaryCall, lines_left, rotary};
 pub use script::Script;
 
 use crate::daemon::shared::job::Job;
@@ -61,20 +61,14 @@ pub enum Resource {
     Rotary(usize),
 }
 
-impl Resource {
-    /// Whether a sequence with this resource excludes a sequence with `other`. The set-up of a stream switches off the
-    /// transfer of every rotary buffer, and the end of a stream closes all of them.
-    pub fn excludes(self, other: Self) -> bool {
-        self == other || matches!((self, other), (Self::Rotary(_), Self::Rotary(_)))
-    }
-}
-
 impl fmt::Display for Resource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Lines => f.write_str("one sequence of lines runs at a time"),
             Self::Gather => f.write_str("the board has one gather at a time"),
-            Self::Rotary(_) => f.write_str("the board has one rotary stream at a time"),
+            Self::Rotary(index) => {
+                write!(f, "rotary buffer {} and its coordinate system have one stream at a time", index + 1)
+            }
         }
     }
 }

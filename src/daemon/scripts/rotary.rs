@@ -10,6 +10,11 @@
 //! ABS, INC and FRAX before the first move go as on-line lines behind B0, which the board refuses while a program runs. They are modal
 //! in the coordinate system: nothing puts them back.
 //!
+//! Streams into different buffers and coordinate systems go beside each other. The first stream opens the rotary buffers
+//! and switches the transfer on, the last stream undoes both. A stream that begins beside others first marks its header
+//! as not in use, and sets the header up when the board has answered a line. A stream that ends beside others marks its
+//! header so, too, if lines are left.
+//!
 //! Lines that an abort or an early end has left in the board's own rotary buffer would run before those of the next
 //! stream: `PR` counts them (Turbo Software Reference p. 286). `CLEAR` takes them away, after `OPEN ROT` and for the
 //! coordinate system addressed. Lines that have not left the DPRAM never run: the set-up empties that buffer.
@@ -26,12 +31,15 @@
 mod call;
 mod count;
 mod end;
+mod entry;
 
 use std::time::{Duration, Instant};
 
 pub use self::call::RotaryCall;
 use self::count::Count;
 pub use self::count::lines_left;
+use self::entry::Enters;
+pub use self::entry::Entry;
 use super::script::{Io, Script};
 use super::{Done, Request, Resource};
 use crate::daemon::shared::job::Job;
@@ -57,6 +65,9 @@ const PROGRAM_LOOK: Duration = Duration::from_millis(500);
 /// ^C, which asks for the status of eight coordinate systems, whatever buffer is open.
 const ALL_STATUS: u8 = 3;
 const ALL_SYSTEMS: usize = 8;
+/// How often to look whether another stream has opened or closed the rotary buffers, and for how long.
+const ENTRY_LOOK: Duration = Duration::from_millis(20);
+const ENTRY_PATIENCE: Duration = Duration::from_secs(10);
 /// Words of a header.
 const HEADER_WORDS: usize = rotary_header::START + 1;
 
@@ -64,6 +75,9 @@ const HEADER_WORDS: usize = rotary_header::START + 1;
 struct Rotary<'a> {
     io: Io,
     call: &'a RotaryCall,
+    entry: &'a Entry,
+    /// How the stream came in; `None` until then.
+    enters: Option<Enters>,
     /// Lines in the board's own buffer before the stream.
     found: u64,
     /// The lines that the board has taken.
@@ -93,11 +107,11 @@ struct Rotary<'a> {
     notes: Vec<String>,
 }
 
-/// The script of a stream.
-pub fn rotary(call: RotaryCall) -> Script {
+/// The script of a stream, which shares `entry` with the other streams.
+pub fn rotary(call: RotaryCall, entry: Entry) -> Script {
     let (resource, cs) = (Resource::Rotary(call.buffer), call.coordinate_system);
     let script = Script::new(resource, "rotary stream", move |io| async move {
-        let mut stream = Rotary::new(io.clone(), &call);
+        let mut stream = Rotary::new(io.clone(), &call, &entry);
         stream.failure = io.until_ended(stream.run()).await;
         stream.end().await
     });
@@ -105,10 +119,12 @@ pub fn rotary(call: RotaryCall) -> Script {
 }
 
 impl<'a> Rotary<'a> {
-    fn new(io: Io, call: &'a RotaryCall) -> Self {
+    fn new(io: Io, call: &'a RotaryCall, entry: &'a Entry) -> Self {
         Self {
             io,
             call,
+            entry,
+            enters: None,
             found: 0,
             count: Count::default(),
             switched: false,
@@ -134,17 +150,65 @@ impl<'a> Rotary<'a> {
     /// # Errors
     /// Why the stream ends.
     async fn run(&mut self) -> Result<(), CallError> {
+        self.enter().await?;
         self.see_what_is_left().await?;
-        self.disable().await?;
+        match self.is_beside() {
+            true => self.join().await?,
+            false => self.disable().await?,
+        }
         if self.found > 0 && self.call.left == Some(LeftLines::Clear) {
             self.clear().await?;
         }
         self.set_up().await?;
-        self.open().await?;
+        if !self.is_beside() {
+            self.open().await?;
+            self.entry.opened(self.opens_text);
+        }
         let reply = RotaryStartReply { found_lines: self.found };
         self.io.answer(Reply::with(&reply)).await;
         self.started = true;
         self.feed().await
+    }
+
+    /// Waits until no other stream opens or closes the rotary buffers.
+    async fn enter(&mut self) -> Result<(), CallError> {
+        let by = self.io.now() + ENTRY_PATIENCE;
+        loop {
+            match self.entry.enter() {
+                Enters::Later if self.io.now() < by => self.io.rest(ENTRY_LOOK).await,
+                Enters::Later => {
+                    return Err(CallError::refused(
+                        "another rotary stream opens or closes the rotary buffers; nothing was sent, try again in a few seconds",
+                    ));
+                }
+                Enters::Text => {
+                    return Err(CallError::refused(
+                        "the board takes OPEN ROT alone, and another stream has that in force: the set-up of a second stream would \
+                         become program lines; nothing was sent, try again when the other stream is over",
+                    ));
+                }
+                enters => {
+                    self.enters = Some(enters);
+                    if self.is_beside() {
+                        // The last stream closes and switches off, even if the board refuses its set-up.
+                        (self.opened, self.switched, self.seen_open) = (true, self.has_switch(), true);
+                    }
+                    return Ok(());
+                }
+            }
+        }
+    }
+
+    /// Whether other streams had the rotary buffers open before this one.
+    fn is_beside(&self) -> bool {
+        self.enters == Some(Enters::Beside)
+    }
+
+    /// Begins beside other streams: the header is not in use until the set-up.
+    async fn join(&mut self) -> Result<(), CallError> {
+        let open = self.io.ask("???").await.result?;
+        self.see_open(self.is_open(&open))?;
+        self.io.job(Job::RotaryClose(self.call.buffer)).await.result.map(drop)
     }
 
     /// Finds out which lines the board's own rotary buffer holds; defines the buffer first if the call asks for that.
@@ -187,6 +251,13 @@ impl<'a> Rotary<'a> {
     /// Clears the lines left in the board's own rotary buffer.
     async fn clear(&mut self) -> Result<(), CallError> {
         let cs = self.call.coordinate_system;
+        if self.is_beside() {
+            return Err(CallError::refused(format!(
+                "{} lines are left in &{cs}'s rotary buffer, and the CLOSE behind CLEAR would end the other rotary streams; try \
+                 again when they are over",
+                self.found
+            )));
+        }
         self.send_open(OPEN_TEXT).await?;
         let busy = format!("; does a program still run in the coordinate system (pmacctl send '&{cs}Q')?");
         self.send(&format!("&{cs}CLEAR"), &busy).await?;
@@ -216,7 +287,7 @@ impl<'a> Rotary<'a> {
         let set_up = self.io.job(self.call.setup.clone()).await;
         self.set_up = !set_up.outcome.is_unsent();
         set_up.result?;
-        if self.has_switch() {
+        if self.has_switch() && !self.is_beside() {
             self.io.line(&self.switch(1)).await.result?;
         }
         Ok(())
@@ -406,27 +477,28 @@ impl<'a> Rotary<'a> {
             (word(rotary_header::HOST_INDEX), word(rotary_header::PMAC_INDEX), word(rotary_header::SIZE));
         // At the ring's end PMAC's index may be the size.
         let is_ring = host < size && pmac <= size;
-        // Two longs a command.
-        let waiting = if is_ring {
-            (u32::from(host) + u32::from(size) - u32::from(pmac)) % u32::from(size) / 2
-        } else {
-            0
+        // The end of a stream leaves the indexes, and the size 0.
+        let waits =
+            (is_ring && u32::from(host) != u32::from(pmac) % u32::from(size)) || size == 0 && host != pmac;
+        let clear = match self.is_beside() {
+            true => "--clear (when the other rotary streams are over)",
+            false => "--clear",
         };
-        match (self.call.left, waiting) {
-            (Some(LeftLines::Continue), 0) if !self.call.modes.is_empty() => {
+        match (self.call.left, waits) {
+            (Some(LeftLines::Continue), false) if !self.call.modes.is_empty() => {
                 Err(CallError::refused(format!(
                     "{found} lines are left in &{cs}'s rotary buffer and are to run first, but {} would be in force for them already: no \
                  board takes it behind them before rotary_code2 is told (docs/evidence.md); --clear takes them away; nothing was sent",
                     self.call.modes.join(", ")
                 )))
             }
-            (Some(LeftLines::Clear), _) | (Some(LeftLines::Continue), 0) => Ok(()),
-            (Some(LeftLines::Continue), _) => Err(CallError::refused(format!(
-                "{found} lines are left in &{cs}'s rotary buffer, and the {waiting} commands that came after them are still in the \
-                 DPRAM and cannot be kept: there would be a gap; --clear takes all of them away; nothing was sent"
+            (Some(LeftLines::Clear), _) | (Some(LeftLines::Continue), false) => Ok(()),
+            (Some(LeftLines::Continue), true) => Err(CallError::refused(format!(
+                "{found} lines are left in &{cs}'s rotary buffer, and commands that came after them are still in the \
+                 DPRAM and cannot be kept: there would be a gap; {clear} takes all of them away; nothing was sent"
             ))),
             (None, _) => Err(CallError::refused(format!(
-                "{found} lines of an earlier program are left in &{cs}'s rotary buffer, and would run first: rotary stream --clear takes \
+                "{found} lines of an earlier program are left in &{cs}'s rotary buffer, and would run first: rotary stream {clear} takes \
                  them away, --continue runs them before this program (if it still runs: pmacctl send '&{cs}Q' ends it); nothing was sent"
             ))),
         }

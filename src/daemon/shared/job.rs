@@ -68,6 +68,8 @@ pub enum Job {
     },
     /// No line will follow: an empty buffer is no underrun any more.
     RotaryFinish(usize),
+    /// Mark a rotary buffer's header as not in use: the board takes no more lines out of the buffer.
+    RotaryClose(usize),
     /// Tell a rotary buffer's progress. [`super::queue::Event::Rotary`] is the answer.
     RotaryState(usize),
 }
@@ -84,6 +86,7 @@ impl Job {
             Self::RotaryOpen { .. }
             | Self::RotarySend { .. }
             | Self::RotaryFinish(_)
+            | Self::RotaryClose(_)
             | Self::RotaryState(_) => Some(Function::Rotary),
         }
     }

@@ -40,7 +40,7 @@ pub mod at_once {
     pub const STOPS: usize = 4;
     /// Writes of variables.
     pub const WRITES: usize = 8;
-    /// Batches of rotary lines, for both buffers together.
+    /// Batches of rotary lines: one for each stream that a board can have.
     pub const ROTARY: usize = 16;
     /// Commands that the bus thread finishes as soon as it takes them.
     pub const SHORT: usize = 8;

@@ -37,6 +37,11 @@ pub enum Writer {
     },
 }
 
+impl Writer {
+    /// The number of every rotary stream: a stream closes the buffers that another stream has opened.
+    pub const STREAMS: u64 = u64::MAX;
+}
+
 impl fmt::Display for Account {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.pid {

@@ -147,7 +147,9 @@ impl Sequences {
     /// Names the owner of the resource in use.
     pub(super) fn begin(&mut self, script: Script, caller: Caller, now: Instant) -> Result<u64, CallError> {
         let resource = script.resource();
-        if let Some(other) = self.running.values().find(|other| other.script.resource().excludes(resource)) {
+        let feeds = script.feeds();
+        let excludes = |other: &Script| other.resource() == resource || other.feeds().meets(feeds);
+        if let Some(other) = self.running.values().find(|other| excludes(&other.script)) {
             let reason = format!("{}; nothing was sent, try again when it is over", InUse(other, now));
             return Err(CallError::Refused { reason });
         }

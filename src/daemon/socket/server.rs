@@ -48,7 +48,7 @@ use crate::daemon::motion::leftovers::Leftovers;
 use crate::daemon::motion::resets::Resets;
 use crate::daemon::motion::sent_stops::SentStops;
 use crate::daemon::motion::stops::Stops;
-use crate::daemon::scripts::Found;
+use crate::daemon::scripts::{Entry, Found};
 use crate::daemon::shared::info::{Info, Pulse, WatchedThread};
 use crate::daemon::shared::queue::{Command, Event, Outcome, Receive, Sender, Ticket};
 use crate::device::Trace;
@@ -125,6 +125,7 @@ struct Service {
     ledger: Ledger,
     stops: Stops,
     sequences: Sequences,
+    rotary_entry: Entry,
     leftovers: Leftovers,
     resets: Resets,
     sent_stops: SentStops,
@@ -154,6 +155,7 @@ impl Service {
             ledger: Ledger::default(),
             stops: Stops::new(options.stop_all_after),
             sequences: Sequences::default(),
+            rotary_entry: Entry::default(),
             leftovers: Leftovers::default(),
             resets: Resets::default(),
             sent_stops: SentStops::default(),

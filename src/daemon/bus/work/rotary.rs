@@ -38,6 +38,8 @@ pub struct Batch {
 pub struct RotaryQueue {
     streams: Vec<RotaryStream>,
     waiting: VecDeque<Batch>,
+    /// The buffer whose turn it is.
+    turn: usize,
     next_poll: Instant,
 }
 
@@ -48,6 +50,7 @@ impl RotaryQueue {
         Self {
             streams: RotaryStream::of_family(family),
             waiting: VecDeque::with_capacity(at_once::ROTARY),
+            turn: 0,
             next_poll: now,
         }
     }
@@ -69,6 +72,13 @@ impl RotaryQueue {
     ) -> Result<Outcome, BusError> {
         if self.waiting.iter().any(|batch| batch.buffer == buffer) {
             return Ok(refused(&"lines for this buffer are still waiting; let them go first"));
+        }
+        let mut others = (0..).zip(&self.streams).filter(|(other, _)| *other != buffer);
+        if let Some((other, _)) = others.find(|(_, stream)| stream.is_in_way_of(setup)) {
+            return Ok(refused(&format_args!(
+                "rotary buffer {} lies there, and a stream uses it",
+                other + 1
+            )));
         }
         let Some(stream) = self.streams.get_mut(buffer) else {
             return Ok(refused(&RotaryError::NotSetUp));
@@ -107,6 +117,15 @@ impl RotaryQueue {
         }
     }
 
+    /// Marks a buffer's header as not in use: the board takes no more lines out of the buffer.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn close(&mut self, bus: &mut impl Bus, buffer: usize) -> Result<Outcome, BusError> {
+        self.streams.get_mut(buffer).map_or(Ok(()), |stream| stream.close(bus))?;
+        Ok(Outcome::Done)
+    }
+
     /// A buffer's progress.
     ///
     /// # Errors
@@ -139,18 +158,21 @@ impl RotaryQueue {
         {
             return Ok(Some(Event::Done(late.ticket, Outcome::TimedOut)));
         }
-        // Every buffer gets its turn: a full buffer does not hold up the others.
-        for buffer in 0..self.streams.len() {
+        // Every buffer gets its turn: neither a full buffer nor one with room holds up the others.
+        self.next_poll = now + ROTARY_POLL;
+        let count = self.streams.len();
+        for buffer in (self.turn..self.turn + count).map(|turn| turn % count) {
             let Some(index) = self.waiting.iter().position(|batch| batch.buffer == buffer) else { continue };
-            match self.feed(bus, index)? {
-                Fed::Some => self.next_poll = now,
-                Fed::Full => self.next_poll = now + ROTARY_POLL,
-                Fed::Ended(event) => {
-                    self.waiting.remove(index);
-                    self.next_poll = now;
-                    return Ok(Some(event));
-                }
+            let fed = self.feed(bus, index)?;
+            if matches!(fed, Fed::Full) {
+                continue;
             }
+            (self.turn, self.next_poll) = ((buffer + 1) % count, now);
+            if let Fed::Ended(event) = fed {
+                self.waiting.remove(index);
+                return Ok(Some(event));
+            }
+            break;
         }
         Ok(None)
     }
@@ -233,21 +255,60 @@ mod tests {
     use crate::device::FileBoard;
     use crate::map::{HostOffset, PMAC};
 
-    #[test]
-    fn a_batch_that_is_late_does_not_go_in_any_more() {
+    fn board() -> FileBoard {
         let file = tempfile::tempfile().unwrap();
         file.set_len(PMAC.length.into()).unwrap();
-        let mut bus = FileBoard::from_file(&file, PMAC.length as usize).unwrap();
-        let now = Instant::now();
+        FileBoard::from_file(&file, PMAC.length as usize).unwrap()
+    }
+
+    /// A ring for coordinate system `cs`, in a place of its own.
+    fn setup(cs: u8, size_longs: u32) -> RotarySetup {
+        RotarySetup {
+            start: HostOffset::new(0x3000 + 0x400 * u32::from(cs - 1)),
+            size_longs,
+            coordinate_system: cs,
+            coordinate_system_base: 1,
+        }
+    }
+
+    #[test]
+    fn a_full_buffer_does_not_make_another_one_wait() {
+        let (mut bus, now) = (board(), Instant::now());
+        let mut queue = RotaryQueue::new(&PMAC, now);
+        for (buffer, size) in [(0, 200), (1, 6)] {
+            let setup = setup(buffer as u8 + 1, size);
+            assert_eq!(queue.open(&mut bus, buffer, &setup).unwrap(), Outcome::Done);
+            let (ticket, lines) = (Ticket(buffer as u64), vec![vec![(0x000E23, 0x500000)]; 90].into());
+            let deadline = now + Duration::from_secs(1);
+            assert!(queue.submit(Batch { ticket, buffer, first: None, lines, deadline }, now).is_none());
+        }
+        let mut ended = None;
+        while queue.due() == Some(now) && ended.is_none() {
+            ended = queue.poll(&mut bus, now).unwrap();
+        }
+        assert!(matches!(ended, Some(Event::Done(Ticket(0), Outcome::Done))), "{ended:?}");
+    }
+
+    #[test]
+    fn a_ring_lies_in_nobody_elses_while_a_stream_uses_that() {
+        let (mut bus, now) = (board(), Instant::now());
+        let mut queue = RotaryQueue::new(&PMAC, now);
+        let first = setup(1, 40);
+        assert_eq!(queue.open(&mut bus, 0, &first).unwrap(), Outcome::Done);
+        let (there, behind) = (HostOffset::new(0x3000 + 4 * 38), HostOffset::new(0x3000 + 4 * 40));
+        let second = |start| RotarySetup { start, coordinate_system: 2, ..first };
+        assert!(matches!(queue.open(&mut bus, 1, &second(there)).unwrap(), Outcome::Refused(_)));
+        assert_eq!(queue.open(&mut bus, 1, &second(behind)).unwrap(), Outcome::Done);
+        assert_eq!(queue.close(&mut bus, 0).unwrap(), Outcome::Done);
+        assert_eq!(queue.open(&mut bus, 1, &second(there)).unwrap(), Outcome::Done);
+    }
+
+    #[test]
+    fn a_batch_that_is_late_does_not_go_in_any_more() {
+        let (mut bus, now) = (board(), Instant::now());
         let mut queue = RotaryQueue::new(&PMAC, now);
         let buffer = 0;
-        let setup = RotarySetup {
-            start: HostOffset::new(0x3000),
-            size_longs: 40,
-            coordinate_system: 1,
-            coordinate_system_base: 1,
-        };
-        assert_eq!(queue.open(&mut bus, buffer, &setup).unwrap(), Outcome::Done);
+        assert_eq!(queue.open(&mut bus, buffer, &setup(1, 40)).unwrap(), Outcome::Done);
         let deadline = now + Duration::from_secs(1);
         let lines = || vec![vec![(0x000E23, 0x500000)]; 3];
         for (ticket, deadline) in [(1, deadline), (2, deadline), (3, deadline + Duration::from_secs(1))] {

@@ -40,8 +40,36 @@ impl Rotary<'_> {
         self.result()
     }
 
-    /// Closes the rotary buffers, ends the transfer, and takes back the lines that are not in the DPRAM yet.
+    /// Takes back the lines that are not in the DPRAM yet, and keeps the board from those that are. The last stream closes
+    /// the rotary buffers and ends the transfer.
     async fn close(&mut self, retry: &mut EndRetry) {
+        if self.enters.is_some() && self.entry.leave() {
+            self.close_entry(retry).await;
+            self.entry.closed();
+        }
+        if self.set_up {
+            let buffer = self.call.buffer;
+            // A reset has taken the buffer, and with it the lines that waited.
+            let is_lost = |outcome| matches!(outcome, Outcome::Refused(_));
+            let job = |job| Request::Job(Box::new(job));
+            self.end_step(retry, job(Job::RotaryFinish(buffer)), is_lost).await;
+            let seen = self.end_step(retry, job(Job::RotaryState(buffer)), is_lost).await;
+            self.see(seen.rotary);
+            if !is_lost(seen.outcome) && seen.rotary.is_none_or(|state| state.ahead_lines > 0) {
+                // Another stream may have switched the transfer on, or do so later.
+                let closed = self.end_step(retry, job(Job::RotaryClose(buffer)), is_lost).await;
+                self.notes.extend(closed.result.err().filter(|_| !is_lost(closed.outcome)).map(|error| {
+                    format!("the DPRAM's buffer may still be in use ({error}): beside other streams the board may take its lines")
+                }));
+                // When the board has answered a line, it has seen that.
+                self.end_step(retry, line("???"), |_| false).await;
+                let seen = self.end_step(retry, job(Job::RotaryState(buffer)), is_lost).await;
+                self.see(seen.rotary);
+            }
+        }
+    }
+
+    async fn close_entry(&mut self, retry: &mut EndRetry) {
         if self.opened {
             // Another buffer is open, so the rotary buffers are closed: one is open at a time.
             let is_closed = |outcome| matches!(outcome, Outcome::Barred(_));
@@ -59,15 +87,6 @@ impl Rotary<'_> {
             let ended = self.end_step(retry, line(&self.switch(0)), |_| false).await;
             self.notes
                 .extend(ended.result.err().map(|error| format!("the end of the transfer failed ({error})")));
-        }
-        if self.set_up {
-            let buffer = self.call.buffer;
-            // A reset has taken the buffer, and with it the waiting lines.
-            let is_lost = |outcome| matches!(outcome, Outcome::Refused(_));
-            let job = |job| Request::Job(Box::new(job));
-            self.end_step(retry, job(Job::RotaryFinish(buffer)), is_lost).await;
-            let seen = self.end_step(retry, job(Job::RotaryState(buffer)), is_lost).await;
-            self.see(seen.rotary);
         }
     }
 

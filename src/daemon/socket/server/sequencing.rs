@@ -54,7 +54,7 @@ impl Service {
             },
             SequenceCall::GatherStop { uid } => self.stop_gather(caller, uid, now),
             SequenceCall::Rotary(call) => {
-                let stream = rotary(call);
+                let stream = rotary(call, self.rotary_entry.clone());
                 match self.sequences.of_client(caller.client, stream.resource()) {
                     Some(_) => {
                         Err(CallError::refused("this connection streams already; RotaryStop ends that"))
@@ -299,6 +299,7 @@ impl Service {
                 Request::Read { first, count } => return Command::ReadWords { ticket, first, count },
             };
             let origin = Origin::of(uid, &line, stays);
+            let number = if is_stream { Writer::STREAMS } else { number };
             let writer = Writer::Sequence { number, account, inside };
             Command::Send { ticket, line, origin, deadline, writer }
         });
