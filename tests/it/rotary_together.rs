@@ -1,16 +1,22 @@
 //! Rotary streams that go at once, each of its own coordinate system: they share the board's binary entry.
 
+use std::fs::Permissions;
 use std::io::Write;
+use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
+use nix::sys::signal::Signal;
 use pmac_dpram::client::RotaryPlace;
 use pmac_dpram::protocol::calls::LeftLines;
 use serde_json::{Value, json};
 
 use crate::rotary_beside::{Client, place, running, words};
-use crate::support::VirtualSite;
+use crate::support::jogs::signal;
 use crate::support::raw::Raw;
+use crate::support::{PATIENCE, VirtualSite, output_within};
 
 /// Families, each with the bit of the second word of `???` that tells of binary entry.
 const FAMILIES: [(&str, u32); 2] = [("pmac", 1 << 6), ("turbo2", 1 << 20)];
@@ -232,6 +238,56 @@ fn what_the_streams_of_a_killed_daemon_left_is_refused_and_cleared_one_by_one() 
         assert!(!is_open(&site, flag), "{family}");
         site.assert_no_violations();
     }
+}
+
+#[test]
+#[ignore = "needs root, to be another user"]
+fn as_root_streams_of_two_users_go_at_once_and_a_refusal_names_a_user_whose_stream_goes() {
+    // Group 1 exists everywhere.
+    let group = nix::unistd::Group::from_gid(nix::unistd::Gid::from_raw(1)).unwrap().unwrap().name;
+    let config = format!("socket_mode = \"0666\"\n[roles]\nengineer = [{group:?}]\n");
+    let site = VirtualSite::configured(&[], &config);
+    site.wait_until("a board that takes commands", || site.pmacctl(&["send", "#1J/"]).0 == 0);
+    for line in ["&2#2->X", "&2DEFINE ROT 100", "&1#1->X", "&1DEFINE ROT 100"] {
+        site.ask(line);
+    }
+    let program = site.path("pmacctl");
+    std::fs::copy(env!("CARGO_BIN_EXE_pmacctl"), &program).unwrap();
+    let file = site.file("long.pmc", &("LINEAR INC TM100\n".to_owned() + &"X1\n".repeat(9000)));
+    for path in [program.parent().unwrap(), &program, Path::new(&file)] {
+        std::fs::set_permissions(path, Permissions::from_mode(0o755)).unwrap();
+    }
+    let stream = |uid: &str, cs: &str| {
+        let mut command = Command::new("setpriv");
+        command.args(["--reuid", uid, "--regid", "1", "--clear-groups"]).arg(&program);
+        command.args(["--name", &site.name, "--socket"]).arg(site.socket());
+        command.args(["rotary", "stream", &file, "--buffer", cs, "--cs", cs, "--size", "40", "--run"]);
+        let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
+        let run = format!("sends \"&{cs}R\"");
+        site.wait_until("a program that runs", || site.log().contains(&run));
+        child.unwrap()
+    };
+    let end = |mut child: Child| {
+        signal(&child, Signal::SIGINT);
+        let ran = site.hurried(|| output_within(&mut child, PATIENCE));
+        String::from_utf8_lossy(&ran.stderr).into_owned()
+    };
+    let is_named = |uid: &str| {
+        let refused = site.run(&["send", "OPEN PROG 9"]);
+        assert!(refused.stderr.contains("has had BINARY ROTARY open"), "{refused:?}");
+        refused.stderr.contains(&format!("uid {uid} "))
+    };
+    let [first, second] = [("65533", "1"), ("65534", "2")].map(|(uid, cs)| stream(uid, cs));
+    assert!(is_named("65533") || is_named("65534"));
+    let same = site.connection().rotary_start(place_of(1)).unwrap_err().to_string();
+    assert!(same.contains("uid 65533 (pid"), "{same}");
+    let told = end(first);
+    assert!(told.contains("lines were sent"), "{told}");
+    site.wait_until("the other user's name", || is_named("65534"));
+    let told = end(second);
+    assert!(told.contains("lines were sent"), "{told}");
+    assert_eq!(site.ask("I57"), ["0"]);
+    site.assert_no_violations();
 }
 
 /// A ring that the daemon let run empty is counted as an underrun.

@@ -329,6 +329,11 @@ impl OpenBuffer {
         if let Some(opener) = self.rotary_opener() {
             self.address.goes(line, by, opener);
         }
+        let is_stream = matches!(by, Writer::Sequence { .. }) && self.is_own(by);
+        if let Some(binary) = self.binary.as_mut().filter(|_| is_stream) {
+            // The stream that opened the rotary buffers may be over: a stream that goes on has them open.
+            binary.by = by;
+        }
         match line.buffer {
             Some(Effect::Opens(name)) => {
                 self.address = RotaryAddress::default();

@@ -342,6 +342,11 @@ fn rotary_buffers_open_for_binary_lines_shut_nobody_out() {
         buffer.bars(&Meaning::of("CLOSE"), sequence(2, false)).is_some()
             && buffer.bars(&Meaning::of("CLOSE"), BOB).is_none()
     );
+    // A stream that goes beside the opener, and may go on after it.
+    let stream = Writer::Sequence { number: 1, account: Account { uid: 1001, pid: 2 }, inside: false };
+    sent(&mut buffer, "???", stream);
+    let barred = buffer.bars(&Meaning::of("OPEN PROG 1"), ANNE).map(|barred| barred.reason(now));
+    assert!(barred.as_ref().is_some_and(|text| text.contains("uid 1001 (pid 2)")), "{barred:?}");
     // Without reports: no manual tells the sign of the board's answer then.
     buffer.unsee();
     for size in [-41301, 41301] {
