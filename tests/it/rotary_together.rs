@@ -2,7 +2,7 @@
 
 use std::fs::Permissions;
 use std::io::Write;
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{FileExt, PermissionsExt};
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -237,6 +237,24 @@ fn what_the_streams_of_a_killed_daemon_left_is_refused_and_cleared_one_by_one() 
         assert_eq!(second.stop(&site).reason, None, "{family}");
         assert!(!is_open(&site, flag), "{family}");
         site.assert_no_violations();
+    }
+}
+
+#[test]
+fn a_header_that_no_stream_of_the_system_wrote_holds_no_lines_that_wait() {
+    let site = prepared("pmac");
+    for line in ["&1", "OPEN ROT", "X1", "X2", "CLOSE"] {
+        site.ask(line);
+    }
+    let memory = std::fs::File::options().write(true).open(site.path("dpram")).unwrap();
+    let header = u64::from(pmac_dpram::map::PMAC.rotary.headers[0].bytes());
+    // The second word is the coordinate system. The size of 0 stands for a stream that has ended.
+    for (system, is_continued) in [(1_u16, false), (0x1616, true)] {
+        let words = [0, system, 4, 2, 0].map(u16::to_le_bytes).concat();
+        memory.write_all_at(&words, header).unwrap();
+        let place = RotaryPlace { left: Some(LeftLines::Continue), run: false, ..place_of(1) };
+        let started = site.connection().rotary_start(place);
+        assert_eq!(started.as_ref().is_ok_and(|begun| begun.found_lines == 2), is_continued, "{started:?}");
     }
 }
 

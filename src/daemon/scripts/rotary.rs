@@ -477,9 +477,11 @@ impl<'a> Rotary<'a> {
             (word(rotary_header::HOST_INDEX), word(rotary_header::PMAC_INDEX), word(rotary_header::SIZE));
         // At the ring's end PMAC's index may be the size.
         let is_ring = host < size && pmac <= size;
+        // No set-up has written the header that power-on left, or the buffer's last lines were another system's.
+        let is_system = [cs - 1, cs].map(u16::from).contains(&word(rotary_header::COORDINATE_SYSTEM));
         // The end of a stream leaves the indexes, and the size 0.
-        let waits =
-            (is_ring && u32::from(host) != u32::from(pmac) % u32::from(size)) || size == 0 && host != pmac;
+        let waits = is_system
+            && (is_ring && u32::from(host) != u32::from(pmac) % u32::from(size) || size == 0 && host != pmac);
         let clear = match self.is_beside() {
             true => "--clear (when the other rotary streams are over)",
             false => "--clear",
