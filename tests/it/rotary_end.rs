@@ -42,13 +42,16 @@ fn running() -> VirtualSite {
     site
 }
 
-/// Begins to stream a program of 2000 moves by one count each, and waits until it runs.
+/// Moves of a program that outlasts every test here, also where time runs much faster than the test's processes.
+const MOVES: usize = 8000;
+
+/// Begins to stream a program of [`MOVES`] moves by one count each, and waits until it runs.
 fn long_stream(site: &VirtualSite) -> Child {
     stream_of(site, &long_program(), &["--define", "100"])
 }
 
 fn long_program() -> String {
-    "LINEAR INC TM20\n".to_owned() + &"X1\n".repeat(2000)
+    "LINEAR INC TM20\n".to_owned() + &"X1\n".repeat(MOVES)
 }
 
 /// Begins to stream `program`, which has many moves, and waits until it runs.
@@ -417,7 +420,10 @@ fn a_stream_whose_client_was_suspended_says_that_it_was_silent() {
     let said = stderr.lines().last().unwrap();
     assert!(ran.status.code() == Some(1) && said.contains("long.pmc:"), "{stderr}");
     assert!(said.contains(": the stream was ended: its client is silent; "), "{stderr}");
-    assert!(said.contains("of 2001 lines were sent, ") && !said.contains("not known"), "{stderr}");
+    assert!(
+        said.contains(&format!("of {} lines were sent, ", MOVES + 1)) && !said.contains("not known"),
+        "{stderr}"
+    );
     assert_ended(&site);
 }
 
@@ -462,11 +468,7 @@ fn a_stream_whose_buffer_somebody_closes_ends_within_a_second_and_says_why() {
 #[test]
 fn an_abort_of_its_coordinate_system_ends_a_stream_whose_program_may_stand() {
     let site = running();
-    let child = stream_of(
-        &site,
-        &("LINEAR INC TM20\n".to_owned() + &"X1\n".repeat(2000) + "STOP\n"),
-        &["--define", "100"],
-    );
+    let child = stream_of(&site, &(long_program() + "STOP\n"), &["--define", "100"]);
     assert_eq!(site.pmacctl(&["abort", "2"]).0, 0);
     site.run_for(Duration::from_secs(1));
     assert!(runs(&site), "that was another one");
@@ -491,7 +493,7 @@ fn a_stream_notices_that_the_board_was_reset() {
         .unwrap_or_else(|| panic!("{stderr}"));
     let line: u64 =
         said.split("long.pmc:").nth(1).and_then(|rest| rest.split(':').next()).unwrap().parse().unwrap();
-    assert!((100..2000).contains(&line) && said.contains("lines were sent"), "{said}");
+    assert!((100..MOVES as u64).contains(&line) && said.contains("lines were sent"), "{said}");
 }
 
 /// Streams one after the other: none counts or runs a line of the one before it, however that ended, and where the board's
