@@ -81,7 +81,6 @@ fn judge(call: &Call, role: Role) {
             | Action::Sequence(_),
         ) => {}
         Ok(Action::Trace(_) | Action::Note(_)) => assert_eq!(role, Role::Engineer),
-        Ok(Action::JogTo(_)) => assert!(role >= Role::Operate),
         Ok(Action::StopByLine(..)) => assert!(role >= Role::Stop),
         Ok(Action::Watch(entries)) => assert!(!entries.is_empty()),
         Ok(Action::Ask(ask)) => within_bounds(&ask, role),
@@ -105,6 +104,7 @@ fn within_bounds(ask: &Ask, role: Role) {
             let line = line.as_bytes();
             assert!((1..=LINE_MAX).contains(&line.len()) && line.iter().all(|byte| (32..127).contains(byte)));
         }
+        Ask::Order(_) => assert!(role >= Role::Operate),
         Ask::Control { character, .. } => assert!(role >= Role::Stop && (1..=31).contains(character)),
         Ask::Read { first, count } => {
             assert!((1..=READ_MAX).contains(count) && first.bytes() < 1 << 20 && first.bytes() % 2 == 0);

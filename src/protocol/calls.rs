@@ -166,13 +166,17 @@ parameters! {
         /// the daemon refuses.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         confirmed: Option<bool>,
+        /// For `Panel`: whether home, start and step go by command line where the daemon sends lines; default: by the
+        /// panel alone.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        by_line: Option<bool>,
     }
 
-    /// Parameters of `JogTo`.
-    JogTo {
+    /// Parameters of `JogTo` and `SetPosition`.
+    MotorPosition {
         /// The motor, from 1 on.
         motor: usize,
-        /// The target, in counts from home; rounded to 1/32.
+        /// The position, in counts from home; rounded to 1/32.
         position: f64,
     }
 

@@ -22,6 +22,7 @@ impl Connection {
             action: action.to_owned(),
             numbers: numbers.iter().copied().map(usize::from).collect(),
             confirmed: self.confirmed(),
+            by_line: None,
         }
     }
 
@@ -38,6 +39,15 @@ impl Connection {
     /// take the request in time: then the daemon has withdrawn it.
     pub fn panel(&mut self, action: &str, numbers: &[u8]) -> Result<(), CommandError> {
         self.job("Panel", &self.panel_call(action, numbers))
+    }
+
+    /// As [`Connection::panel`], but has motors home and coordinate systems start and step by command line where the
+    /// daemon sends lines: the board needs no panel then.
+    ///
+    /// # Errors
+    /// As [`Connection::jog_to`].
+    pub fn panel_or_line(&mut self, action: &str, numbers: &[u8]) -> Result<(), CommandError> {
+        self.job("Panel", &calls::Panel { by_line: Some(true), ..self.panel_call(action, numbers) })
     }
 
     /// Begins a jog (`jog-` or `jog+`) that goes on only while [`Connection::panel_renew`] follows at least every 200
@@ -75,7 +85,17 @@ impl Connection {
     /// [`CommandError`]; the daemon refuses, with nothing sent, while another connection holds a jog of the motor,
     /// while the motor's loop is open, and while a program buffer is open.
     pub fn jog_to(&mut self, motor: u8, position: f64) -> Result<(), CommandError> {
-        self.job("JogTo", &calls::JogTo { motor: motor.into(), position })
+        self.job("JogTo", &calls::MotorPosition { motor: motor.into(), position })
+    }
+
+    /// Tells `motor` (from 1), which stands, that it is at `position`, in counts, rounded to 1/32 of a count. Returns
+    /// when the board has taken the line; the next reports show the position.
+    ///
+    /// # Errors
+    /// [`CommandError`]; the daemon refuses, with nothing sent, any position but 0 while the motor's loop is closed, and
+    /// while its loop is open, if `M162` (of motor 1) is not its actual position.
+    pub fn set_position(&mut self, motor: u8, position: f64) -> Result<(), CommandError> {
+        self.job("SetPosition", &calls::MotorPosition { motor: motor.into(), position })
     }
 
     /// Overrides the feed rate of `coordinate_system` (from 1) with `raw` (1/32768 ms, 0 to 32767; 14507 is 100 % at

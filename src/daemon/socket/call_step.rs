@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::first_start::FirstStart;
 use super::jobs::{JobAt, JobCall};
-use super::jog_to::JogTo;
+use super::order::Order;
 use crate::daemon::motion::effect::LineEffect;
 use crate::function::variable_read::VariableEntry;
 
@@ -15,8 +15,10 @@ pub(super) enum CallStep {
     Reply(LineEffect),
     /// A job, or the board's answer to a question about it.
     Job(Box<JobCall>),
-    /// The board's answer which motor it addresses, or the line that jogs.
-    JogTo(JogTo),
+    /// The board's answer to the question before an order's line.
+    Order(Order),
+    /// The line of an order, with this effect.
+    Ordered(LineEffect),
     /// The board's answer about the lines in a rotary buffer that this start would run.
     Start(Box<FirstStart>),
     /// The board's answer whether it copies registers, before a client watches these.
@@ -52,15 +54,14 @@ impl CallStep {
     /// The part of the command under way in its call.
     pub(super) const fn part(&self) -> CommandPart {
         match self {
-            Self::Reply(_) => CommandPart::Deed,
+            Self::Reply(_) | Self::Ordered(_) => CommandPart::Deed,
             Self::Job(call) => match call.at {
                 JobAt::Wanted(_) => CommandPart::Before,
                 JobAt::UnderWay if call.lease.is_some() => CommandPart::Hold,
                 JobAt::UnderWay => CommandPart::Deed,
                 JobAt::Done | JobAt::Failed(_) => CommandPart::Behind,
             },
-            Self::JogTo(jog) if jog.addressed.is_some() => CommandPart::Deed,
-            Self::JogTo(_) | Self::Start(_) => CommandPart::Before,
+            Self::Order(_) | Self::Start(_) => CommandPart::Before,
             Self::Watch(_) | Self::Resets(_) => CommandPart::Look,
         }
     }

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
+use super::order::Order;
 use crate::daemon::motion::effect::Starts;
 use crate::daemon::motion::target::Target;
 use crate::daemon::motion::timing::PANEL_STOP_TAKES;
@@ -257,6 +258,13 @@ fn panel_action(call: &calls::Panel, family: &Family) -> Result<PanelAction, Cal
     Ok(action)
 }
 
+/// The order for a panel request that the caller wants `by_line`, if it is one for which a line stands.
+pub(super) fn order(call: &calls::Panel, family: &Family) -> Result<Option<Order>, CallError> {
+    let action = panel_action(call, family)?;
+    let confirmed = call.confirmed == Some(true);
+    Ok(Order::of_panel(action, &call.numbers, confirmed).filter(|_| call.by_line == Some(true)))
+}
+
 /// The target that `action` stops for these `numbers`.
 fn stopped_by(action: PanelAction, numbers: &[usize]) -> Option<Target> {
     let numbers = numbers.iter().copied();
@@ -282,7 +290,10 @@ pub(super) fn stop_by_line(
 /// A control panel request; with `hold`, a lease ends the jog.
 pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<JobCall, CallError> {
     let action = panel_action(&call, family)?;
-    let calls::Panel { numbers, confirmed, .. } = call;
+    let calls::Panel { numbers, confirmed, by_line, .. } = call;
+    if hold && by_line == Some(true) {
+        return Err(CallError::invalid("by_line", "null: the panel alone holds a jog"));
+    }
     let Some(words) = &family.panel else {
         return Err(CallError::refused(format!("a {} has no control panel in its DPRAM", family.title)));
     };

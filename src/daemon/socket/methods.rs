@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use serde_json::json;
 
 use super::jobs::{self, JobAt, JobCall};
-use super::jog_to::JogTo;
+use super::order::Order;
 use super::policy::{Characters, Role};
 use super::sequences::SequenceCall;
 use crate::daemon::motion::effect::Starts;
@@ -70,6 +70,8 @@ pub enum Ask {
     },
     /// Have one of the other functions do a job.
     Job(JobCall),
+    /// Carry out an order by a line of the daemon's own.
+    Order(Order),
 }
 
 impl Ask {
@@ -90,7 +92,7 @@ impl Ask {
     pub(super) fn timeout(&self) -> Duration {
         match self {
             Self::Send { timeout, .. } => *timeout,
-            Self::Control { .. } | Self::Read { .. } => DEFAULT_TIMEOUT,
+            Self::Control { .. } | Self::Read { .. } | Self::Order(_) => DEFAULT_TIMEOUT,
             Self::Job(call) => call.timeout,
         }
     }
@@ -99,6 +101,7 @@ impl Ask {
     pub(super) fn starts(&self) -> Starts {
         match self {
             Self::Control { starts, .. } | Self::Job(JobCall { starts, .. }) => *starts,
+            Self::Order(order) => order.starts(),
             Self::Send { .. } | Self::Read { .. } => Starts::default(),
         }
     }
@@ -118,8 +121,6 @@ pub enum Action {
     Watch(Vec<VariableEntry>),
     /// Pass on every unsolicited text from now on.
     Stream,
-    /// Jog a motor to a position.
-    JogTo(JogTo),
     /// Stop this target by command line; the text is the request for the audit log.
     StopByLine(Target, String),
     /// Renew the caller's lease on a jog.
@@ -153,7 +154,7 @@ impl Action {
         match self {
             Self::Ask(Ask::Send { question, .. }) => !question,
             Self::Ask(Ask::Control { .. } | Ask::Job(_)) => !self.stops(),
-            Self::Watch(_) | Self::JogTo(_) => true,
+            Self::Watch(_) | Self::Ask(Ask::Order(_)) => true,
             Self::Reply(_)
             | Self::Info
             | Self::Ask(Ask::Read { .. })
@@ -259,7 +260,10 @@ const METHODS: [Method; 27] = {
             Ok(Action::Renew)
         }),
         method("JogTo", Operate, Some(Ascii), |call, info| {
-            JogTo::of(&parameters(call)?, info.family()).map(Action::JogTo)
+            Order::jog_to(&parameters(call)?, info.family()).map(Ask::Order).map(Action::Ask)
+        }),
+        method("SetPosition", Engineer, Some(Ascii), |call, info| {
+            Order::set_position(&parameters(call)?, info.family()).map(Ask::Order).map(Action::Ask)
         }),
         method("FeedOverride", Stop, Some(Panel), |call, info| job(call, info, jobs::feed_override)),
         method("Write", Engineer, None, |call, info| {
@@ -303,6 +307,11 @@ const METHODS: [Method; 27] = {
 
 /// A request to the control panel. If the daemon does not use the panel, it carries out stops by command line.
 fn panel(call: &Call, info: &Info) -> Result<Action, CallError> {
+    if needs_lines(info).is_ok()
+        && let Some(order) = jobs::order(&parameters(call)?, info.family())?
+    {
+        return Ok(Action::Ask(Ask::Order(order)));
+    }
     let Err(why_not) = needs(Function::Panel, info) else {
         return job(call, info, |call, family| jobs::panel(call, false, family));
     };
@@ -387,6 +396,7 @@ pub fn parse_call(call: &Call, role: Role, characters: Characters, info: &Info) 
 fn role_of(action: &Action, characters: Characters, family: &Family) -> Role {
     let is_for_engineers = match action {
         Action::Ask(Ask::Control { character, .. }) => return characters.role_for(*character),
+        Action::Ask(Ask::Order(order)) => return order.role(),
         Action::Ask(Ask::Job(JobCall {
             at: JobAt::Wanted(Job::Panel(_) | Job::Override { .. }),
             stops,

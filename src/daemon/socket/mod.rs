@@ -7,7 +7,7 @@
 //! | [`listener`], [`options`] | the socket's file, and the server's options |
 //! | `admission`, `clients`, `connection` | which connection gets a place; every connection; one connection, its messages and buffers |
 //! | [`policy`], `peer_groups`, `peer_process` | a peer's rights: its role, its groups, whether its process lives |
-//! | [`methods`], [`jobs`], `jog_to`, `replay` | the meaning of each call, checked before the bus thread gets it; the calls that a replay refuses |
+//! | [`methods`], [`jobs`], `order`, `replay` | the meaning of each call, checked before the bus thread gets it; the calls that a replay refuses |
 //! | `call_table`, `call_step`, `heard` | calls that wait for the board; the step of each; the outcome of a command |
 //! | `fair_queue`, `time_quota` | which client's command is next; which user the server serves next |
 //! | `sequences` | lines and jobs that belong together, each owned by a connection |
@@ -28,11 +28,11 @@ mod fair_queue;
 mod first_start;
 mod heard;
 pub mod jobs;
-mod jog_to;
 pub mod listener;
 pub mod methods;
 mod notes;
 pub mod options;
+mod order;
 mod peer_groups;
 mod peer_process;
 pub mod policy;

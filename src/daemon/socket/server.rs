@@ -10,15 +10,15 @@ mod calls;
 mod ending;
 mod first_starts;
 mod jobs;
-mod jogging;
 mod motion;
+mod ordering;
 mod panel_off;
 mod replies;
 mod sequencing;
 mod starting;
 pub mod stepper;
 mod stopping;
-mod who_may_jog;
+mod who_may_order;
 
 use std::collections::BTreeMap;
 use std::io;

@@ -18,7 +18,6 @@ use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{Client, Waiting};
 use crate::daemon::socket::heard::{Heard, reply_lines};
 use crate::daemon::socket::jobs;
-use crate::daemon::socket::jog_to::JogTo;
 use crate::daemon::socket::methods::{Action, Ask, parse_call};
 use crate::daemon::socket::policy::{Peer, Role};
 use crate::daemon::socket::replay;
@@ -94,7 +93,6 @@ impl Service {
                 return Reply::with(&board).map(Some);
             }
             Action::Ask(ask) => return self.ask(caller, ask, now),
-            Action::JogTo(jog) => return self.jog_to(caller, jog, JogTo::deadline(now)),
             Action::StopByLine(target, audit) => {
                 let Some(client) = self.clients.get_mut(caller.client) else { return Ok(None) };
                 client.wait_for(Waiting::Board);
@@ -226,16 +224,28 @@ impl Service {
                 });
             }
             Ask::Job(call) => return self.ask_job(caller, Box::new(call), now),
+            Ask::Order(order) => return self.order(caller, order, now),
         }
         Ok(None)
     }
 
     /// Asks the board `question`; the call goes on with `step` afterwards.
     pub(super) fn question(&mut self, caller: Caller, question: &str, step: CallStep, deadline: Instant) {
-        let then = Then::Call(step);
-        let line = Line::of(question);
+        self.send_beside(caller, Line::of(question), None, step, deadline);
+    }
+
+    /// Sends a line of the daemon's own for `caller`, which enters no program buffer; the call goes on with `step`
+    /// afterwards.
+    pub(super) fn send_beside(
+        &mut self,
+        caller: Caller,
+        line: Line,
+        audit: Option<String>,
+        step: CallStep,
+        deadline: Instant,
+    ) {
         let origin = Origin::of(caller.peer.uid.as_raw(), &line, false);
-        self.wait_for_board(caller, deadline, then, None, |ticket| Command::Send {
+        self.wait_for_board(caller, deadline, Then::Call(step), audit, |ticket| Command::Send {
             ticket,
             line,
             origin,
@@ -299,7 +309,8 @@ impl Service {
         let reply = match step {
             CallStep::Reply(effect) => self.reply_to_line(effect, heard, now).map(Some),
             CallStep::Job(call) => self.job_step(call, heard, now),
-            CallStep::JogTo(jog) => self.jog_step(jog, heard, now),
+            CallStep::Order(order) => self.order_step(order, heard, now),
+            CallStep::Ordered(effect) => self.reply_to_line(effect, heard, now).map(|_| Some(Reply::done())),
             CallStep::Start(start) => self.start_step(start, heard, now),
             CallStep::Watch(entries) => self.watch_step(entries, heard, now),
             CallStep::Resets(asked) => heard.lines(now).and_then(|lines| {

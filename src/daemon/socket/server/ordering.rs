@@ -1,0 +1,44 @@
+//! Orders: jogs to a position, home searches, runs, steps and new positions, by a command line of the daemon's own.
+//!
+//! The daemon asks the board for the address, then sends the line, which puts the address back. Both lines are on-line
+//! only: no program buffer takes them.
+
+use std::time::Instant;
+
+use super::Service;
+use super::replies::Answered;
+use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, Line, Outcome};
+use crate::daemon::socket::call_step::CallStep;
+use crate::daemon::socket::call_table::Caller;
+use crate::daemon::socket::heard::Heard;
+use crate::daemon::socket::order::Order;
+
+impl Service {
+    /// Asks the board for `caller` what the line of `order` has to know.
+    ///
+    /// # Errors
+    /// Why the daemon has sent nothing.
+    pub(super) fn order(&mut self, caller: Caller, order: Order, now: Instant) -> Answered {
+        self.may_order(caller, order)?;
+        self.may_start(order.starts())?;
+        self.question(caller, &order.question(), CallStep::Order(order), now + DEFAULT_TIMEOUT);
+        Ok(None)
+    }
+
+    /// The board has answered the question: sends the line.
+    pub(super) fn order_step(&mut self, order: Order, heard: Heard, now: Instant) -> Answered {
+        let Heard { caller, deadline, outcome, .. } = heard;
+        let answers = match outcome {
+            // The question has failed. The daemon has not sent the line.
+            Outcome::Error(_) | Outcome::TimedOut | Outcome::Interrupted(_) => Vec::new(),
+            _ => heard.lines(now)?,
+        };
+        // Another client may have begun to hold the motor while the daemon asked the board.
+        self.may_order(caller, order)?;
+        let line = Line::of(&*order.line(&answers, &self.info)?);
+        let effect = self.may_send(caller.client, &line, order.starts().confirmed)?;
+        let audit = Some(format!("sends {:?}", &*line));
+        self.send_beside(caller, line, audit, CallStep::Ordered(effect), deadline);
+        Ok(None)
+    }
+}
