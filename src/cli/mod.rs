@@ -8,7 +8,7 @@
 //! | `args` | the command line |
 //! | `show` | commands that only read: `status`, `motors`, `coordinates`, `motor`, `system`, `watch`, `demo`, `read`, `board map`, `board decode` |
 //! | `top` | the screen: everything live, and jog keys |
-//! | `act` | commands that do one thing on the board: `send`, `write`, `jog`, `panel`, `variable`, `abort`, `kill`, `terminal` |
+//! | `act` | commands that do one thing on the board: `send`, `write`, `jog`, `home`, `run`, `set-position`, `panel`, `variable`, `abort`, `kill`, `terminal` |
 //! | `gather`, `log`, `plot`, `rotary` | samples to a file; every update to a file; pictures; motion programs from a file |
 //! | `files` | command files and settings: `download`, `backup`, `diff`, `restore` |
 //! | `setup` | lines that set a board up, `board absolute` |
@@ -46,7 +46,7 @@ use crate::process::survive_file_size_limit;
 use crate::segment::end_on_bus_error;
 use crate::usage::usage;
 
-use act::{jog, panel, registers, send, stop, terminal, write};
+use act::{drive, jog, panel, registers, send, set_position, stop, terminal, write};
 use args::{Args, Command, Global, Rare};
 use console::Output;
 use context::{Context, Failure, Verdict};
@@ -122,6 +122,12 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Read(options) => read::run(&mut context, &options),
         Command::Write(options) => write::run(&mut context, &options),
         Command::Jog(options) => jog::run(&mut context, &options),
+        Command::Home(options) => drive::home(&mut context, &options),
+        Command::SetPosition(options) => set_position::run(&mut context, &options),
+        Command::Run(options) => drive::run(&mut context, &options),
+        Command::Resume(options) => drive::resume(&mut context, &options),
+        Command::Step(options) => drive::step(&mut context, &options),
+        Command::Hold(options) => drive::hold(&mut context, &options),
         Command::Panel(options) => panel::run(&mut context, &options),
         Command::Send(options) => send::run(&mut context, &options),
         Command::Rotary(options) => rotary::run(&mut context, &options),

@@ -17,6 +17,7 @@ mod dependencies;
 mod dirty;
 mod doctor;
 mod download;
+mod drive;
 mod errors;
 mod every_function;
 mod evidence;

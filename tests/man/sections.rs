@@ -247,6 +247,12 @@ pub fn examples(page: &str) -> &'static [Example] {
             ("Motors 1 and 3 until they are stopped:", &["pmacctl jog 1,3 +", "pmacctl jog 1,3 stop"]),
             ("Only while the command runs, two seconds at most:", &["pmacctl jog 1 + --hold --seconds 2"]),
         ],
+        "pmacctl-home" => &[("Motors 1 and 2, and wait for both:", &["pmacctl home 1 2 --wait"])],
+        "pmacctl-set-position" => &[("Motor 1 is at 0 from now on:", &["pmacctl set-position 1 =0 --yes"])],
+        "pmacctl-run" => &[("The program of coordinate system 1, to its end:", &["pmacctl run 1 --wait"])],
+        "pmacctl-resume" => &[("Go on after a hold:", &["pmacctl hold 1", "pmacctl resume 1"])],
+        "pmacctl-step" => &[("One step of two programs:", &["pmacctl step 1 2"])],
+        "pmacctl-hold" => &[("Pause the program of coordinate system 1:", &["pmacctl hold 1"])],
         "pmacctl-read" => &[(
             "Three registers, and four bits of one:",
             &["pmacctl read 'Y:$D001' 0x0024 'D:$D014' 'Y:$D001,8,4'"],
@@ -256,7 +262,7 @@ pub fn examples(page: &str) -> &'static [Example] {
             ("Four bits of it, from bit 8 on:", &["pmacctl write 'Y:$D800,8,4' 3"]),
         ],
         "pmacctl-panel" => &[
-            ("Home motors 1 and 2:", &["pmacctl panel home 1 2"]),
+            ("What the panel was asked last:", &["pmacctl panel show"]),
             ("Half the feed rate in coordinate system 1:", &["pmacctl panel feed 1 50%"]),
         ],
         "pmacctl-send" => &[

@@ -7,7 +7,7 @@ use clap::Args;
 
 use crate::cli::act::hold::{Hold, hold};
 use crate::cli::act::lines::LineError;
-use crate::cli::act::panel::press;
+use crate::cli::act::panel::{Press, press};
 use crate::cli::act::wait::{Goal, Wait, Watch, wait_for_motors};
 use crate::cli::context::{Context, Failure, Verdict, check_numbers};
 use crate::client::Connection;
@@ -48,13 +48,19 @@ fn destination(text: &str) -> Result<Destination, String> {
         "+" => return Ok(Destination::Key(PanelAction::JogPlus)),
         "-" => return Ok(Destination::Key(PanelAction::JogMinus)),
         "stop" => return Ok(Destination::Key(PanelAction::JogStop)),
-        _ => text.strip_prefix('=').ok_or("write a position as =5000, or +, - or stop")?.trim(),
+        _ => text.strip_prefix('=').ok_or("write a position as =5000, or +, - or stop")?,
     };
+    number_and_unit(position).map(|(value, unit)| Destination::Position(value, unit))
+}
+
+/// A number, and the unit behind it if there is one.
+pub fn number_and_unit(position: &str) -> Result<(f64, Option<String>), String> {
+    let position = position.trim();
     let (number, unit) = position.split_at(number_length(position));
     let value = number.parse().ok().filter(|value: &f64| value.is_finite());
     let value = value.ok_or_else(|| format!("{position:?}: write a number first, as =5000 or =12.5deg"))?;
     let unit = unit.trim();
-    Ok(Destination::Position(value, (!unit.is_empty()).then(|| unit.to_owned())))
+    Ok((value, (!unit.is_empty()).then(|| unit.to_owned())))
 }
 
 /// The length of the number at the begin of `text`, with an exponent if one follows: `-1e3`, and of `1eV` only `1`.
@@ -72,8 +78,7 @@ fn number_length(text: &str) -> usize {
 
 pub fn run(context: &mut Context, options: &Jog) -> Result<Verdict, Failure> {
     let Jog { motors, to, hold, wait } = options;
-    let number = |text: &String| motor(text, || Ok(context.board()?.identity()?));
-    let numbers = motors.iter().map(number).collect::<Result<Vec<u8>, _>>()?;
+    let numbers = self::motors(context, motors)?;
     match to {
         Destination::Key(action @ (PanelAction::JogPlus | PanelAction::JogMinus))
             if hold.hold && !wait.wait =>
@@ -83,7 +88,7 @@ pub fn run(context: &mut Context, options: &Jog) -> Result<Verdict, Failure> {
         _ if hold.hold => {
             Err(Failure::request("--hold goes with + or -, and not with --wait; nothing was sent"))
         }
-        Destination::Key(action) => press(context, *action, &numbers, *wait, false),
+        Destination::Key(action) => press(context, Press::of(*action), &numbers, *wait),
         Destination::Position(value, unit) => match numbers[..] {
             [number] => move_to(context, number, *value, unit.as_deref(), *wait),
             _ => Err(Failure::request("one motor goes to a position at a time; nothing was sent")),
@@ -112,6 +117,14 @@ fn move_to(
     wait_for_motors(context, &mut connection, &mut watch, &[number], Goal::At(target), wait.timeout)
 }
 
+/// The numbers of the motors that the user means.
+///
+/// # Errors
+/// As [`motor`].
+pub fn motors(context: &Context, texts: &[String]) -> Result<Vec<u8>, Failure> {
+    texts.iter().map(|text| motor(text, || Ok(context.board()?.identity()?))).collect()
+}
+
 /// The number of the motor that the user means. `identity` knows the names.
 ///
 /// # Errors
@@ -131,7 +144,7 @@ pub fn motor(text: &str, identity: impl FnOnce() -> Result<Identity, Failure>) -
 }
 
 /// The position in counts. Refuses a number alone where the user could mean either of two units.
-fn counts(value: f64, unit: Option<&str>, has: Option<UserUnit>, number: u8) -> Result<f64, Failure> {
+pub fn counts(value: f64, unit: Option<&str>, has: Option<UserUnit>, number: u8) -> Result<f64, Failure> {
     let (typed, has_name) = (short(value), has.as_ref().map(|unit| &unit.name[..]));
     match (unit, has) {
         (Some(COUNTS), _) | (None, None) => Ok(value),

@@ -2,6 +2,7 @@
 
 mod address;
 mod control_keys;
+pub mod drive;
 pub mod hold;
 pub mod jog;
 pub mod lines;
@@ -10,6 +11,7 @@ mod piped;
 pub mod registers;
 pub mod reset_watch;
 pub mod send;
+pub mod set_position;
 pub mod stop;
 pub mod terminal;
 pub mod wait;

@@ -148,18 +148,36 @@ pub fn run(context: &mut Context, options: &Panel) -> Result<Verdict, Failure> {
         PanelCommand::Show => return show(context),
     };
     let confirms = matches!(&options.command, PanelCommand::Start(programs) if programs.continue_left);
-    press(context, action, &numbers, wait, confirms)
+    press(context, Press { confirms, ..Press::of(action) }, &numbers, wait)
 }
 
-/// Requests `action`, and waits for its end if `wait` is given. A start that `confirms` also runs the lines that a
-/// rotary stream left.
-pub fn press(
-    context: &mut Context,
-    action: PanelAction,
-    numbers: &[u8],
-    wait: Wait,
-    confirms: bool,
-) -> Result<Verdict, Failure> {
+/// A request to the board.
+#[derive(Debug, Clone, Copy)]
+pub struct Press {
+    pub action: PanelAction,
+    /// A line stands for the panel's key, where the daemon sends lines.
+    pub by_line: bool,
+    /// A start also runs the lines that a rotary stream left.
+    pub confirms: bool,
+    /// A start ends a hold. A start by line that does not is for a coordinate system that runs no program.
+    pub resumes: bool,
+}
+
+impl Press {
+    /// By the panel.
+    pub const fn of(action: PanelAction) -> Self {
+        Self { action, by_line: false, confirms: false, resumes: false }
+    }
+
+    /// By line.
+    pub const fn by_line(action: PanelAction) -> Self {
+        Self { by_line: true, ..Self::of(action) }
+    }
+}
+
+/// Makes a request, and waits for its end if `wait` is given.
+pub fn press(context: &mut Context, press: Press, numbers: &[u8], wait: Wait) -> Result<Verdict, Failure> {
+    let Press { action, by_line, confirms, resumes } = press;
     let goal = match action {
         PanelAction::Home => Goal::Home,
         PanelAction::JogPlus | PanelAction::JogMinus if wait.wait => {
@@ -172,6 +190,7 @@ pub fn press(
         match action {
             // A killed motor is a stopped motor.
             PanelAction::JogStop => Ok(()),
+            PanelAction::Start if resumes => Ok(()),
             action if action.is_for_motors() => watch.check_motors(numbers),
             _ => watch.check_systems(numbers),
         }
@@ -187,8 +206,15 @@ pub fn press(
         };
         // The board accepts the request for a program that it cannot run, and drops it.
         let starts = action == PanelAction::Start && watch.is_none();
-        let start = starts.then(|| Watch::begin(context, &mut connection));
-        connection.panel(action.name(), numbers)?;
+        let mut start = starts.then(|| Watch::begin(context, &mut connection));
+        if let Some(Ok(watch)) = start.as_mut().filter(|_| by_line && !resumes) {
+            watch.check_systems(numbers).map_err(|failure| failure.at("not sent"))?;
+        }
+        if by_line {
+            connection.panel_or_line(action.name(), numbers)?;
+        } else {
+            connection.panel(action.name(), numbers)?;
+        }
         Ok((connection, watch, start))
     };
     let stops = matches!(action, PanelAction::JogStop | PanelAction::Stop | PanelAction::Hold);
@@ -216,7 +242,7 @@ fn jog(context: &mut Context, action: PanelAction, jog: &Jog) -> Result<Verdict,
     let numbers = &jog.motors.numbers;
     match jog.hold {
         Hold { hold: true, seconds } => hold(context, action, numbers, seconds),
-        _ => press(context, action, numbers, Wait::default(), false),
+        _ => press(context, Press::of(action), numbers, Wait::default()),
     }
 }
 

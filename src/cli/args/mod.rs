@@ -8,10 +8,12 @@ use std::path::PathBuf;
 use clap::error::{ContextKind, ContextValue};
 use clap::{Args as ClapArgs, CommandFactory, FromArgMatches, Parser, Subcommand};
 
+use crate::cli::act::drive::Home;
 use crate::cli::act::jog::Jog;
-use crate::cli::act::panel::Panel;
+use crate::cli::act::panel::{Panel, Programs, Systems};
 use crate::cli::act::registers::Variable;
 use crate::cli::act::send::Send;
+use crate::cli::act::set_position::SetPosition;
 use crate::cli::act::stop::Abort;
 use crate::cli::act::terminal::Terminal;
 use crate::cli::act::write::Write;
@@ -93,7 +95,21 @@ pub enum Command {
     Write(Write),
     /// Move a motor by hand: to a position or in a direction (role operate), or to a stop (role stop)
     Jog(Jog),
-    /// Home motors, run, step, hold and stop programs, and override the feed rate, through the control panel (I2=3). Role
+    /// Search for the home of motors. Role operate
+    Home(Home),
+    /// Tell a motor that stands at which position it is, after asking. Nothing moves; software limits count from there.
+    /// While the loop is closed, only 0 can be set (HMZ). Role engineer
+    SetPosition(SetPosition),
+    /// Run the programs of coordinate systems that run none, from where each stands. Exit status 1: pmacctl did not see a
+    /// program run. Role operate
+    Run(Programs),
+    /// Run the programs of coordinate systems on after hold, step or a stop. Role operate
+    Resume(Programs),
+    /// Execute one step of the programs of coordinate systems. A running program stops, as after Q. Role operate
+    Step(Systems),
+    /// Hold the feed of coordinate systems: their programs pause, and resume goes on. Role stop
+    Hold(Systems),
+    /// Override the feed rate, home motors, run, step, hold and stop programs through the control panel (I2=3). Role
     /// operate; to stop and hold, role stop
     Panel(Panel),
     /// Send a command line (role engineer), or a control character as '^K', and print the reply
@@ -175,8 +191,8 @@ pub fn right_verb(error: &clap::Error) -> Option<String> {
     let Some(ContextValue::String(typed)) = error.get(ContextKind::InvalidSubcommand) else { return None };
     let right = match typed.as_str() {
         "stop" | "halt" => "abort, or for one motor pmacctl jog MOTOR stop",
-        "home" => "panel home MOTOR",
-        "run" | "start" | "step" | "hold" | "feed" => "panel",
+        "start" => "run",
+        "feed" => "panel",
         "move" | "jog+" | "jog-" | "jog-stop" => "jog",
         "position" | "positions" | "axes" => "motors",
         "systems" | "coordinate" | "cs" => "coordinates",

@@ -25,7 +25,7 @@ use crate::protocol::board::SentStop;
 use crate::segment::Counter;
 use crate::segment::identity::MOTORS;
 
-pub use motors::{Goal, motors_end, wait_for_motors};
+pub use motors::{Goal, motors_end, place_of, see_position, wait_for_motors};
 pub use systems::{see_programs_begin, wait_for_programs};
 
 /// The longest sleep until the next look.

@@ -1,12 +1,12 @@
 //! The wait for motors: whether each motor has come to its goal.
 
 use std::collections::BTreeMap;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serde_json::json;
 
 use super::stops::stops_motor;
-use super::{Awaited, BEGINS, Observed, Progress, STOOD_FOR, Watch, since};
+use super::{Awaited, BEGINS, NO_REPORT_FOR, Observed, Progress, SAMPLE_WITHIN, STOOD_FOR, Watch, since};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::motors::motors;
 use crate::client::motor::Motor;
@@ -31,6 +31,8 @@ const MOTOR_FAULTS: [(&str, &str); 6] = [
 /// How far from its target the commanded position of a motor that has arrived may be, in counts. A target is rounded to 1/32
 /// of a count.
 const TARGET_WITHIN: f64 = 0.5;
+/// How far the position of a motor that rests may flicker, in counts.
+const RESTS_WITHIN: f64 = 2.0;
 /// How long a motor must have stood if the board does not tell its scale any more.
 const TOLD: Duration = Duration::from_secs(10);
 
@@ -95,6 +97,30 @@ impl Watch {
         }
     }
 
+    /// The position of motor `number` in counts, once its reports have not moved for a moment: a motor whose loop is open
+    /// may still turn.
+    ///
+    /// # Errors
+    /// [`Failure::Refused`] if the motor moves, or its position is unknown.
+    pub fn rests_at(&mut self, number: u8) -> Result<f64, Failure> {
+        let begun = Instant::now();
+        let (first, _, since_ns) = rests_now(&self.snapshot()?, number)?;
+        loop {
+            let last = self.board.servo_sequence()?;
+            self.board.wait(last, SAMPLE_WITHIN)?;
+            let (counts, _, now_ns) = rests_now(&self.snapshot()?, number)?;
+            if (counts - first).abs() > RESTS_WITHIN {
+                return Err(Failure::Refused(format!("motor {number} moves; wait until it stands")));
+            }
+            if since(since_ns, now_ns) >= STOOD_FOR {
+                return Ok(counts);
+            }
+            if begun.elapsed() > NO_REPORT_FOR {
+                return Err(Failure::Refused(format!("no report has come of motor {number}")));
+            }
+        }
+    }
+
     /// The counts from `start`, where motor `number` stood before its move to `target`, to its present place. `None`
     /// while the motor moves or its loop is open, and after a home search or a reset, since its positions may count
     /// from another zero.
@@ -112,6 +138,33 @@ impl Watch {
     }
 }
 
+/// The position of motor `number` as the user reads it.
+///
+/// # Errors
+/// [`Failure::Refused`] if the motor moves, or its position is unknown.
+pub fn place_of(snapshot: &Snapshot, number: u8) -> Result<String, Failure> {
+    rests_now(snapshot, number).map(|(_, place, _)| place)
+}
+
+/// The position of motor `number`, which stands or whose loop is open, in counts and as the user reads it, and the time
+/// of the report.
+fn rests_now(snapshot: &Snapshot, number: u8) -> Result<(f64, String, u64), Failure> {
+    let motors = motors(snapshot);
+    let fresh = snapshot.servo.as_ref().filter(|servo| servo.is_fresh());
+    let motor = motors.iter().find(|motor| motor.servo.motor == usize::from(number));
+    let counts = motor.and_then(|motor| motor.servo.actual_position?.value);
+    let why = match (fresh, motor, counts) {
+        (Some(servo), Some(motor), Some(counts)) if stands(motor) || motor.has("open_loop") == Some(true) => {
+            return Ok((counts, position(motor), servo.time_ns));
+        }
+        (None, ..) => "the servo data are not live; pmacctl doctor says what to do".to_owned(),
+        (_, None, _) => format!("the board does not report motor {number}; see I59"),
+        (.., None) => format!("the position of motor {number} in counts is not known yet"),
+        _ => format!("motor {number} does not stand in position; wait until it does"),
+    };
+    Err(Failure::Refused(why))
+}
+
 /// Waits until every motor in `numbers` has come to its goal, and prints its position. The request went over
 /// `connection`.
 ///
@@ -127,6 +180,16 @@ pub fn wait_for_motors(
     timeout: Duration,
 ) -> Result<Verdict, Failure> {
     let failed = motors_end(connection, watch, numbers, goal, timeout)?;
+    print_motors(context, watch, numbers, &failed)
+}
+
+/// Prints the positions of the motors in `numbers`, or why they `failed`.
+fn print_motors(
+    context: &mut Context,
+    watch: &mut Watch,
+    numbers: &[u8],
+    failed: &[String],
+) -> Result<Verdict, Failure> {
     let snapshot = watch.snapshot()?;
     let motors = motors(&snapshot);
     let waited_for =
@@ -140,7 +203,7 @@ pub fn wait_for_motors(
             context.output.line(format_args!("#{}: {}", motor.servo.motor, position(motor)))?;
         }
     }
-    Verdict::without(&failed)
+    Verdict::without(failed)
 }
 
 /// Waits until every motor in `numbers` has come to the goal of the request over `connection`. Returns the failures.
@@ -180,6 +243,40 @@ pub fn motors_end(
         let stood = since(*stood.entry(number).or_insert(look.now_ns), look.now_ns);
         judge(motor, goal, look, stood)
     })
+}
+
+/// Waits until the reports show that motor `number` is at the position `to`, where it was at `from` before, and prints
+/// it. The request went over `connection`.
+///
+/// # Errors
+/// [`Failure::Refused`] if the reports show another position, or do not come.
+pub fn see_position(
+    context: &mut Context,
+    connection: &mut Connection,
+    watch: &mut Watch,
+    number: u8,
+    [from, to]: [f64; 2],
+) -> Result<Verdict, Failure> {
+    let moving = "the board took the position, and no report shows it yet";
+    let awaited =
+        Awaited { numbers: &[number], name: "motor", moving, timeout: NO_REPORT_FOR, ends: &|_, _, _| false };
+    let failed = watch.until_over(connection, &awaited, |_, snapshot, look| {
+        let motors = motors(snapshot);
+        let motor = motors.iter().find(|motor| motor.servo.motor == usize::from(number));
+        let at = motor.and_then(|motor| motor.servo.actual_position?.value);
+        // A motor whose loop is open may creep, and a closed loop keeps its following error.
+        let is_set = at.is_some_and(|at| (at - to).abs() <= RESTS_WITHIN.max((at - from).abs() / 10.0));
+        match (is_set, motor) {
+            (true, _) => Progress::Done,
+            (false, Some(motor)) if look.elapsed >= BEGINS => Progress::Failed(format!(
+                "the board took the line, but motor {number} is at {}, not at {}",
+                position(motor),
+                fixed(to, 1)
+            )),
+            _ => Progress::GoesOn,
+        }
+    })?;
+    print_motors(context, watch, &[number], &failed)
 }
 
 /// Whether the motor stands in position.

@@ -42,7 +42,9 @@ impl Watch {
         for &number in numbers {
             let why = match system(&snapshot, number).and_then(running) {
                 Some(false) => continue,
-                Some(true) => format!("coordinate system {number} runs a program already"),
+                Some(true) => format!(
+                    "coordinate system {number} runs a program already; pmacctl resume {number} ends a hold"
+                ),
                 None => format!("the board does not report the status of coordinate system {number}"),
             };
             return Err(Failure::Refused(why));
