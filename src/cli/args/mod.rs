@@ -186,36 +186,60 @@ pub fn parse(line: impl IntoIterator<Item = OsString>) -> Result<Args, clap::Err
     Args::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
 }
 
+/// Words that users of other programs type, and what they mean here: commands of PEWIN, of EPICS, of shells, of old
+/// clients.
+const HABITS: &[(&str, &str)] = &[
+    ("stop halt brake", "abort, or for one motor pmacctl jog MOTOR stop"),
+    ("home-all homeall homing search find-home", "home MOTOR…"),
+    ("zero setpos set-pos set-zero setposition define-position preset", "set-position MOTOR =VALUE"),
+    ("start go execute exec", "run C.S."),
+    ("feedhold feed-hold pause suspend", "hold C.S."),
+    ("continue cont unhold unpause", "resume C.S."),
+    ("single-step singlestep next", "step C.S."),
+    ("move moveto move-to goto mv", "jog MOTOR =POSITION"),
+    ("jog+ jog- jog-stop jogstop", "jog MOTOR +, - or stop"),
+    ("pre-jog feed override feedrate", "panel"),
+    ("motor position positions pos where axis axes velocity", "motors"),
+    ("system systems coordinate cs", "coordinates"),
+    ("monitor live follow", "watch"),
+    ("info health state ping", "status"),
+    ("version ver", "--version, and of the board pmacctl status"),
+    ("boards check diagnose", "doctor"),
+    ("get peek dump", "read"),
+    ("set poke", "write"),
+    ("command cmd ask query", "send"),
+    ("console shell talk connect", "terminal"),
+    ("encode stream", "rotary"),
+    ("load upload", "download"),
+    ("save", "backup, and for the board's own memory pmacctl send SAVE"),
+    ("export", "backup"),
+    ("import", "restore"),
+    ("reset reboot reinit restart", "send '$$$', which stops everything and loads what was saved"),
+    (
+        "enable servo servo-on close-loop closeloop on",
+        "send '#1J/', which closes the loop of motor 1 where it stands",
+    ),
+    ("disable servo-off open-loop off", "send '#1K' for motor 1, or for every motor pmacctl kill"),
+    ("estop e-stop emergency", "abort, which brakes everything, or pmacctl kill"),
+    ("record trace", "log"),
+    ("sample scope", "gather"),
+    ("draw", "plot"),
+    ("registers addresses", "board map"),
+    ("isa vme", "setup"),
+    ("sim simulate", "demo"),
+    ("help", "--help"),
+];
+
 /// Text that names the wrong verb in `error` and the right one, if users are known to confuse the two.
 pub fn right_verb(error: &clap::Error) -> Option<String> {
     let Some(ContextValue::String(typed)) = error.get(ContextKind::InvalidSubcommand) else { return None };
-    let right = match typed.as_str() {
-        "stop" | "halt" => "abort, or for one motor pmacctl jog MOTOR stop",
-        "start" => "run",
-        "feed" => "panel",
-        "move" | "jog+" | "jog-" | "jog-stop" => "jog",
-        "position" | "positions" | "axes" => "motors",
-        "systems" | "coordinate" | "cs" => "coordinates",
-        "monitor" | "live" | "follow" => "watch",
-        "info" | "health" => "status",
-        "boards" | "check" | "diagnose" => "doctor",
-        "get" | "peek" | "dump" => "read",
-        "set" | "poke" => "write",
-        "command" | "ask" | "query" => "send",
-        "console" | "shell" | "talk" => "terminal",
-        "encode" | "stream" => "rotary",
-        "load" | "upload" => "download",
-        "save" => "backup",
-        "record" | "trace" => "log",
-        "sample" | "scope" => "gather",
-        "draw" => "plot",
-        "registers" | "addresses" => "board map",
-        "enable" | "isa" | "vme" => "setup",
-        "sim" | "simulate" => "demo",
-        "help" => "--help",
-        _ => return None,
+    let is_habit = |(words, _): &&(&str, &str)| words.split(' ').any(|word| word == typed);
+    let right = match HABITS.iter().find(is_habit) {
+        Some((_, right)) => right,
+        // `panel run`, `board backup`.
+        None => Args::command().find_subcommand(typed).map(|_| typed.as_str())?,
     };
-    Some(format!("there is no command {typed}; it is pmacctl {right}"))
+    Some(format!("there is no command {typed} here; it is pmacctl {right}"))
 }
 
 #[cfg(test)]
@@ -270,8 +294,26 @@ mod tests {
     #[test]
     fn a_wrong_verb_is_told_the_right_one() {
         let told = |verb: &str| right_verb(&parse(["pmacctl", verb].map(OsString::from)).unwrap_err());
-        assert_eq!(told("save").as_deref(), Some("there is no command save; it is pmacctl backup"));
+        assert_eq!(
+            told("feedhold").as_deref(),
+            Some("there is no command feedhold here; it is pmacctl hold C.S.")
+        );
         assert_eq!(told("frobnicate"), None);
+        let nested = right_verb(&parse(["pmacctl", "panel", "run", "1"].map(OsString::from)).unwrap_err());
+        assert_eq!(nested.as_deref(), Some("there is no command run here; it is pmacctl run"));
+    }
+
+    #[test]
+    fn every_habit_is_told_once_and_leads_to_a_command() {
+        let command = command();
+        let words: Vec<&str> = HABITS.iter().flat_map(|(words, _)| words.split(' ')).collect();
+        for (index, word) in words.iter().enumerate() {
+            assert!(!words[..index].contains(word) && command.find_subcommand(word).is_none(), "{word}");
+        }
+        for (_, right) in HABITS {
+            let verb = right.split([' ', ',']).next().unwrap();
+            assert!(verb.starts_with("--") || command.find_subcommand(verb).is_some(), "{right}");
+        }
     }
 
     #[test]
