@@ -93,11 +93,11 @@ impl Leftovers {
         if starts.confirmed { Systems::NONE } else { starts.systems.numbers().filter(asks).collect() }
     }
 
-    /// Checks that programs may start. `has_panel`: the refusal names the panel, too, as a way to start them.
+    /// Checks that programs may start.
     ///
     /// # Errors
     /// Lists the lines that would run.
-    pub fn check(&mut self, starts: Starts, has_panel: bool) -> Result<(), CallError> {
+    pub fn check(&mut self, starts: Starts) -> Result<(), CallError> {
         if starts.confirmed {
             self.forget(starts.systems);
         }
@@ -118,7 +118,7 @@ impl Leftovers {
         Err(CallError::refused(format_args!(
             "not started: {what}. pmacctl rotary stream --clear takes them away. {} runs them. To run program 5 instead, send \
              '&{cs}B5' first",
-            start_anyway(cs, has_panel)
+            start_anyway(cs)
         )))
     }
 
@@ -128,9 +128,8 @@ impl Leftovers {
 }
 
 /// The commands that start coordinate system `cs` whatever lines are left.
-pub fn start_anyway(cs: impl std::fmt::Display, has_panel: bool) -> String {
-    let by_line = format!("pmacctl send --yes '&{cs}R'");
-    if has_panel { format!("pmacctl panel start {cs} --continue, or {by_line},") } else { by_line }
+pub fn start_anyway(cs: impl std::fmt::Display) -> String {
+    format!("pmacctl run {cs} --continue, or pmacctl send --yes '&{cs}R',")
 }
 
 #[cfg(test)]
@@ -147,23 +146,18 @@ mod tests {
             left.set(Systems::of(2), 7);
             left
         };
-        assert!(left().check(start(0b01, false), true).is_ok(), "another one");
-        let told = left().check(start(0b11, false), true).unwrap_err().to_string();
+        assert!(left().check(start(0b01, false)).is_ok(), "another one");
+        let told = left().check(start(0b11, false)).unwrap_err().to_string();
         assert!(told.contains("into &2") && told.contains("7 lines of it"), "{told}");
-        assert!(
-            told.contains("pmacctl panel start 2 --continue, or pmacctl send --yes '&2R', runs them"),
-            "{told}"
-        );
-        let told = left().check(start(0b10, false), false).unwrap_err().to_string();
-        assert!(told.contains("pmacctl send --yes '&2R' runs them") && !told.contains("panel"), "{told}");
-        assert!(left().check(start(u32::MAX, false), true).is_err());
-        assert!(Leftovers::after_reset().check(start(0b10, false), true).is_ok(), "the board was reset");
+        assert!(told.contains("pmacctl run 2 --continue, or pmacctl send --yes '&2R', runs them"), "{told}");
+        assert!(left().check(start(u32::MAX, false)).is_err());
+        assert!(Leftovers::after_reset().check(start(0b10, false)).is_ok(), "the board was reset");
         let mut confirmed = left();
-        assert!(confirmed.check(start(0b10, true), true).is_ok());
-        assert!(confirmed.check(start(0b10, false), true).is_ok(), "they run");
+        assert!(confirmed.check(start(0b10, true)).is_ok());
+        assert!(confirmed.check(start(0b10, false)).is_ok(), "they run");
         let mut forgotten = left();
         forgotten.forget(Systems::ALL);
-        assert!(forgotten.check(start(0b10, false), true).is_ok());
+        assert!(forgotten.check(start(0b10, false)).is_ok());
     }
 
     #[test]
@@ -177,12 +171,12 @@ mod tests {
         let mut left = Leftovers::default();
         left.set(Systems::of(1), 7);
         effect(&mut left, "&1B5");
-        assert_eq!((left.to_ask(start).bits(), left.check(start, true).is_ok()), (0, true), "PROG 5 runs");
+        assert_eq!((left.to_ask(start).bits(), left.check(start).is_ok()), (0, true), "PROG 5 runs");
         effect(&mut left, "&1B0");
         assert_eq!(left.to_ask(start).bits(), 0b1);
         for end in ["&1A", "&1Q"] {
             left.find(Systems::of(1), 7);
-            assert!(left.check(Starts { confirmed: true, ..start }, true).is_ok());
+            assert!(left.check(Starts { confirmed: true, ..start }).is_ok());
             assert_eq!(left.to_ask(start).bits(), 0, "they run");
             effect(&mut left, end);
             assert_eq!(left.to_ask(start).bits(), 0b1, "{end}");
@@ -198,13 +192,13 @@ mod tests {
             assert_eq!(left.to_ask(start).bits(), 0b1);
             left.find(Systems::of(1), still);
             assert_eq!(left.to_ask(start).bits(), 0, "asked");
-            let told = left.check(start, true).unwrap_err().to_string();
+            let told = left.check(start).unwrap_err().to_string();
             assert!(told.contains(&format!("{still} lines of it")), "{told}");
         }
         // Another host, or a reset that the daemon missed, has taken the lines.
         assert_eq!(left.to_ask(start).bits(), 0b1);
         left.refused(Systems::of(1), NO_BUFFER);
-        assert!(left.check(start, true).is_ok());
+        assert!(left.check(start).is_ok());
     }
 
     #[test]
@@ -220,7 +214,7 @@ mod tests {
         left.find(Systems::of(2), 7);
         left.forget(Systems::of(3));
         assert_eq!(left.to_ask(start).bits(), 0b1000);
-        let told = left.check(start, true).unwrap_err().to_string();
+        let told = left.check(start).unwrap_err().to_string();
         assert!(told.contains("7 lines of an earlier program are left in &2's rotary buffer"), "{told}");
         // A client streamed the whole program, and aborted it.
         left.set(Systems::of(1), 0);
@@ -234,14 +228,10 @@ mod tests {
             left.set(Systems::of(1), 200);
             assert_eq!(left.to_ask(one).bits(), 0b1);
             left.refused(Systems::of(1), error);
-            assert_eq!(
-                (left.to_ask(one).bits(), left.check(one, true).is_ok()),
-                (0, may_start),
-                "ERR{error:03}"
-            );
+            assert_eq!((left.to_ask(one).bits(), left.check(one).is_ok()), (0, may_start), "ERR{error:03}");
         }
         left = Leftovers::after_reset();
         assert_eq!(left.to_ask(start), Systems::NONE, "no rotary buffer is kept over a reset");
-        assert!(left.check(start, true).is_ok());
+        assert!(left.check(start).is_ok());
     }
 }

@@ -70,14 +70,13 @@ impl FirstStart {
         }
     }
 
-    /// Why the daemon does not start the programs: the board did not say what is left, for this `reason`. `has_panel`:
-    /// the refusal names the panel, too, as a way to start them.
-    pub(super) fn unknown(&self, reason: &CallError, has_panel: bool) -> CallError {
+    /// Why the daemon does not start the programs: the board did not say what is left, for this `reason`.
+    pub(super) fn unknown(&self, reason: &CallError) -> CallError {
         let cs = self.systems.bits().trailing_zeros() + 1;
         CallError::refused(format_args!(
             "not started: &{cs}'s rotary buffer may hold lines of an earlier program, and the board could not be \
              asked ({reason}). {} runs whatever is there",
-            start_anyway(cs, has_panel)
+            start_anyway(cs)
         ))
     }
 }
@@ -116,7 +115,7 @@ mod tests {
             let mut start = FirstStart::new(ask, Systems::of(1));
             let said = start.take(Outcome::Done, reply(addressed));
             let said = left.map_or(said, |left| start.take(Outcome::Done, reply(left)));
-            let told = start.unknown(&said.unwrap_err(), true).to_string();
+            let told = start.unknown(&said.unwrap_err()).to_string();
             assert!(told.contains("not started: &1's rotary buffer may hold"), "{told}");
         }
     }

@@ -40,7 +40,7 @@ impl Service {
     pub(super) fn start_step(&mut self, mut start: Box<FirstStart>, heard: Heard, now: Instant) -> Answered {
         let Heard { caller, outcome, .. } = heard;
         match (start.take(outcome, heard.lines(now)), outcome) {
-            (Err(reason), _) => return Err(start.unknown(&reason, self.uses(Function::Panel))),
+            (Err(reason), _) => return Err(start.unknown(&reason)),
             (Ok(Some((system, _))), Outcome::Error(error)) => self.leftovers.refused(system, error),
             (Ok(Some((system, left))), _) => self.leftovers.find(system, left),
             (Ok(None), _) => {}

@@ -13,7 +13,7 @@ use crate::language::settings::CutsOff;
 use crate::language::{Line, WhileOpen, is_rotary};
 use crate::protocol::board::SendReply;
 use crate::protocol::cut_off;
-use crate::protocol::{CallError, Function, OpenBufferInfo, Reply, control};
+use crate::protocol::{CallError, OpenBufferInfo, Reply, control};
 
 impl Service {
     /// Checks that `client` may send `line`, alone or in a sequence, and returns the line's effect. `confirmed`: the
@@ -118,7 +118,6 @@ impl Service {
                 "not started: pmacd is ending a rotary stream into this coordinate system; try again",
             ));
         }
-        let has_panel = self.uses(Function::Panel);
-        self.leftovers.check(starts, has_panel)
+        self.leftovers.check(starts)
     }
 }
