@@ -2,13 +2,13 @@
 //!
 //! Another process writes this memory, so no reference to it as plain data ever exists. There are two kinds of access:
 //! * **One word**: a relaxed or release atomic access to one aligned 64-bit word. Both sides access head, sequence and
-//!   every header field only like this. Readers use relaxed loads alone, which Rust guarantees to work on a read-only
-//!   mapping.
+//!   every header field only like this. Readers use relaxed loads alone. Rust guarantees that these work on the read-only
+//!   mapping of a 64-bit target; on a 32-bit target [`load_word`] makes the load, and says why it is as good.
 //! * **The words of a slot together** ([`Words::load_all`], [`WordsMut::store_all`]): on x86-64 whole cache lines go
 //!   through [`super::wide_copy`], in vector registers; everything else goes word by word as above. That file explains
 //!   why both kinds may access the same memory.
 //!
-//! Only the kernel reads half a word (the futex).
+//! Only the kernel reads half a word: the futex is the low half of a head.
 #![allow(unsafe_code)]
 
 use std::fs::File;
@@ -21,6 +21,10 @@ use memmap2::{MmapOptions, MmapRaw};
 use super::layout::{LINE_WORDS, WORD};
 use super::ring::{Words, WordsMut};
 use super::wide_copy::WideCopy;
+
+/// The futex call whose time has 64 bits. On 32-bit targets that is `futex_time64` (since Linux 5.1), of one number on all:
+/// the older call's time ends in 2038, and not every kernel has that call.
+const SYS_FUTEX: libc::c_long = if cfg!(target_pointer_width = "64") { libc::SYS_futex } else { 422 };
 
 /// The line and exit status for an access to mapped memory that has vanished.
 static ON_BUS_ERROR: OnceLock<(&str, u8)> = OnceLock::new();
@@ -88,6 +92,11 @@ impl ReadMap {
         unsafe { self.map.as_mut_ptr().cast::<u64>().add(index) }
     }
 
+    /// The address of the low half of the word at `index`: the half that every publication changes.
+    fn low_half(&self, index: usize) -> *mut u32 {
+        self.word(index).cast::<u32>().wrapping_add(usize::from(cfg!(target_endian = "big")))
+    }
+
     /// Copies a part of a cache line word by word.
     #[cold]
     fn load_words(&self, index: usize, copy: &mut [u64]) {
@@ -99,20 +108,18 @@ impl ReadMap {
     /// Sleeps until the low half of the word at `index` differs from `seen`, a writer wakes it, or CLOCK_MONOTONIC
     /// reaches `deadline_ns`. May also return without any of these: check again.
     pub(super) fn wait(&self, index: usize, seen: u64, deadline_ns: u64) {
-        let deadline = libc::timespec {
-            tv_sec: (deadline_ns / 1_000_000_000) as libc::time_t,
-            tv_nsec: (deadline_ns % 1_000_000_000) as libc::c_long,
-        };
-        let word = self.word(index).cast::<u32>();
+        // The kernel's time: seconds and nanoseconds, of 64 bits each on every target.
+        let deadline = [deadline_ns / 1_000_000_000, deadline_ns % 1_000_000_000];
+        let word = self.low_half(index);
         // SAFETY: the futex word lies inside the mapping, which outlives the call; the kernel only reads it. The
         // time-out is absolute (FUTEX_WAIT_BITSET without FUTEX_CLOCK_REALTIME) and outlives the call.
         unsafe {
             libc::syscall(
-                libc::SYS_futex,
+                SYS_FUTEX,
                 word,
                 libc::FUTEX_WAIT_BITSET,
                 seen as u32,
-                &raw const deadline,
+                deadline.as_ptr(),
                 std::ptr::null::<u32>(),
                 libc::FUTEX_BITSET_MATCH_ANY,
             );
@@ -121,9 +128,9 @@ impl ReadMap {
 
     /// Wakes all waiters on the word at `index`, and returns their number.
     pub(super) fn wake(&self, index: usize) -> u64 {
-        let word = self.word(index).cast::<u32>();
+        let word = self.low_half(index);
         // SAFETY: the futex word lies inside the mapping; waking reads and writes no memory.
-        let woken = unsafe { libc::syscall(libc::SYS_futex, word, libc::FUTEX_WAKE, i32::MAX) };
+        let woken = unsafe { libc::syscall(SYS_FUTEX, word, libc::FUTEX_WAKE, i32::MAX) };
         u64::try_from(woken).unwrap_or(0)
     }
 }
@@ -133,8 +140,8 @@ impl Words for ReadMap {
     fn load(&self, index: usize) -> u64 {
         // SAFETY: `word` is aligned and inside the mapping, which lives as long as `self`. Nobody makes a plain access
         // to it: this process uses atomics of this width and `wide_copy`, which explains why a race with it does no
-        // harm. Rust allows a relaxed 8-byte load on read-only pages of 64-bit targets.
-        unsafe { AtomicU64::from_ptr(self.word(index)) }.load(Ordering::Relaxed)
+        // harm.
+        unsafe { load_word(self.word(index)) }
     }
 
     #[inline(always)]
@@ -220,6 +227,59 @@ impl WordsMut for WriteMap {
             unsafe { AtomicU64::from_ptr(to) }.store(*value, Ordering::Relaxed);
         }
     }
+}
+
+/// Loads the aligned word at `word`, which may lie on a read-only page, by one access. Rust promises such a load of 8 bytes
+/// on 64-bit targets only. The stores need no such care: a page that is written is no read-only page, and there
+/// [`AtomicU64`] has one access on every target that has the type.
+///
+/// # Safety
+/// `word` is 8-byte aligned and points into a live mapping, to which nobody makes a plain access.
+#[cfg(target_pointer_width = "64")]
+#[inline(always)]
+unsafe fn load_word(word: *mut u64) -> u64 {
+    // SAFETY: by the caller's promise.
+    unsafe { AtomicU64::from_ptr(word) }.load(Ordering::Relaxed)
+}
+
+/// As on 64-bit targets, by one instruction that reads 8 bytes and writes nothing. The assembly may access any memory (no
+/// `nomem`, no `readonly`), so the compiler keeps it in place between the atomic accesses and fences around it.
+/// * x86: a processor from the Pentium on reads an aligned quadword at once (Intel SDM volume 3A, "Guaranteed Atomic
+///   Operations"). `fild` and `fistp` carry all 64 bits unchanged, for the x87 registers have a significand of 64 bits, and
+///   every such processor has them, as not every one has SSE2.
+/// * ARMv7: `ldrexd` reads an aligned doubleword at once (ARM DDI 0406C, A3.5.3 "Atomicity in the ARM architecture"). It
+///   leaves the exclusive monitor set, which does no harm: each store-exclusive follows a load-exclusive of its own.
+#[cfg(not(target_pointer_width = "64"))]
+#[inline]
+unsafe fn load_word(word: *mut u64) -> u64 {
+    #[cfg(target_arch = "x86")]
+    {
+        let mut value = 0_u64;
+        // SAFETY: by the caller's promise; `value` is private. All x87 registers are declared lost, so the stack is empty.
+        unsafe {
+            std::arch::asm!(
+                "fild qword ptr [{from}]",
+                "fistp qword ptr [{to}]",
+                from = in(reg) word,
+                to = in(reg) &raw mut value,
+                out("st(0)") _, out("st(1)") _, out("st(2)") _, out("st(3)") _,
+                out("st(4)") _, out("st(5)") _, out("st(6)") _, out("st(7)") _,
+                options(nostack),
+            );
+        }
+        value
+    }
+    #[cfg(target_arch = "arm")]
+    {
+        let (first, second): (u32, u32);
+        // SAFETY: by the caller's promise.
+        unsafe {
+            std::arch::asm!("ldrexd r0, r1, [{from}]", from = in(reg) word, out("r0") first, out("r1") second, options(nostack));
+        }
+        u64::from(first) | u64::from(second) << 32
+    }
+    #[cfg(not(any(target_arch = "x86", target_arch = "arm")))]
+    compile_error!("this processor has no known instruction that loads 8 bytes of the segment at once")
 }
 
 /// Private memory in whole cache lines, aligned to one.

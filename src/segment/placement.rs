@@ -122,14 +122,16 @@ impl Placement {
             let stride = header::slot_bytes(payload_bytes).next_multiple_of(LINE);
             let head = end.next_multiple_of(REGION_ALIGNMENT);
             let slots = head + REGION_ALIGNMENT;
-            end = slots + spec.slots as usize * stride;
+            // On a 32-bit target such a region may have more bytes than a `usize` counts.
+            let length = slots as u64 + u64::from(spec.slots) * stride as u64;
+            if length > MAX_TOTAL {
+                return refuse(format!("{length} bytes are more than a segment may have"));
+            }
+            end = length as usize;
             let ring = header::ring_at(head, slots, spec.slots as usize, stride, payload_bytes);
             placement.regions.push((*spec, AT_REGIONS + index * REGION_STRIDE, ring));
         }
         placement.total_length = end.next_multiple_of(4096);
-        if placement.total_length as u64 > MAX_TOTAL {
-            return refuse(format!("{} bytes are more than a segment may have", placement.total_length));
-        }
         Ok(placement)
     }
 

@@ -3,8 +3,6 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use nix::time::ClockId;
-
 use super::counter::Counter;
 use super::keeper::{Handover, Keeper};
 use super::layout::*;
@@ -14,7 +12,7 @@ use super::object::{Object, remove_name, retire};
 use super::placement::{CreateOptions, Placement};
 use super::ring::{Ring, Words, WordsMut};
 use super::sample::Stamp;
-use super::{SegmentError, clock_ns, monotonic_ns};
+use super::{SegmentError, monotonic_ns, realtime_ns};
 
 /// The writer's side of one region.
 #[derive(Clone, Copy)]
@@ -55,7 +53,7 @@ impl Publisher {
         let lock = NameLock::take(options.name.lock(&options.directory))?;
         let previous = retire(&path)?;
         let (newborn, object) = Object::make(options, placement.total_length)?;
-        let generation = clock_ns(ClockId::CLOCK_REALTIME).max(previous.wrapping_add(1));
+        let generation = realtime_ns().max(previous.wrapping_add(1));
         placement.write(&object.map, options, generation);
 
         let mut regions_by_id = [None; RegionId::ALL.len() + 1];
@@ -223,10 +221,10 @@ impl Publisher {
         let (realtime, taken) = match self.options.clock {
             ClockKind::Monotonic => {
                 let before = monotonic_ns();
-                let realtime = clock_ns(ClockId::CLOCK_REALTIME);
+                let realtime = realtime_ns();
                 (realtime, before + monotonic_ns().saturating_sub(before) / 2)
             }
-            ClockKind::Own => (clock_ns(ClockId::CLOCK_REALTIME), now_ns),
+            ClockKind::Own => (realtime_ns(), now_ns),
         };
         self.object.map.store(AT_REALTIME_OFFSET / WORD, realtime.wrapping_sub(taken));
         self.object.map.store(AT_REALTIME_TAKEN / WORD, taken);

@@ -159,9 +159,9 @@ mod tests {
     const GUARD: u64 = 0xA5A5_A5A5_A5A5_A5A5;
 
     fn all() -> Vec<WideCopy> {
-        let mut all = vec![WideCopy::Words, WideCopy::detect()];
+        let all = vec![WideCopy::Words, WideCopy::detect()];
         #[cfg(all(target_arch = "x86_64", not(miri)))]
-        all.push(WideCopy::Sse2);
+        let all = [all, vec![WideCopy::Sse2]].concat();
         all
     }
 

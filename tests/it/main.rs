@@ -61,6 +61,7 @@ mod rotary_together;
 mod segment;
 mod segment_hostile;
 mod segment_life;
+#[cfg(target_pointer_width = "64")]
 mod segment_loom;
 mod segment_page;
 mod sequences;

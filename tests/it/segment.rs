@@ -349,7 +349,8 @@ fn waiting_ends_at_the_next_sample_at_the_time_out_and_at_the_end() {
                 wait(sequence, LONG)
             });
             let state = format!("/proc/self/task/{}/syscall", asleep.recv().unwrap());
-            let futex = format!("{} ", nix::libc::SYS_futex);
+            let number = if cfg!(target_pointer_width = "64") { nix::libc::SYS_futex } else { 422 };
+            let futex = format!("{number} ");
             wait_until("a reader that sleeps", || {
                 std::fs::read_to_string(&state).unwrap().starts_with(&futex)
             });
