@@ -21,7 +21,7 @@ pub fn shared_memory(report: &mut Report) {
             report.fail(WHAT, text);
         }
         Ok(room) => {
-            let free = room.blocks_available() * room.fragment_size();
+            let free = room.blocks_available() as u64 * room.fragment_size() as u64;
             let mib = free >> 20;
             if free < ROOM {
                 let text = format!("{DIRECTORY} has only {mib} MiB left; remove unneeded files there");

@@ -1,10 +1,11 @@
 //! The prefix of a log line: its level as a word, or for the journal its syslog number.
 
+use std::fs::File;
 use std::io::{self, Write};
 use std::os::fd::AsFd;
+use std::os::unix::fs::MetadataExt;
 
 use log::{Level, Record};
-use nix::sys::stat::fstat;
 
 use crate::format::Visible;
 
@@ -16,7 +17,8 @@ pub fn is_journal(stream: &impl AsFd) -> bool {
 }
 
 fn leads_to(named: &str, stream: &impl AsFd) -> bool {
-    fstat(stream).is_ok_and(|stat| named == format!("{}:{}", stat.st_dev, stat.st_ino))
+    let found = stream.as_fd().try_clone_to_owned().and_then(|stream| File::from(stream).metadata());
+    found.is_ok_and(|found| named == format!("{}:{}", found.dev(), found.ino()))
 }
 
 /// The journal's prefix for a level (sd-daemon(3)).

@@ -10,7 +10,7 @@ use std::fmt;
 use caps::CapSet;
 use nix::sys::mman::{MlockAllFlags, mlockall};
 use nix::sys::prctl;
-use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit, setrlimit};
+use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit, rlim_t, setrlimit};
 use nix::unistd::{
     Gid, Group, Uid, User, getegid, geteuid, getresgid, getresuid, initgroups, setresgid, setresuid,
 };
@@ -18,7 +18,7 @@ use nix::unistd::{
 use crate::process::capabilities::{self, CapabilityError, SETS};
 
 /// Locking fails below this limit, because the kernel counts the whole address space.
-const ENOUGH_BYTES: u64 = 1 << 30;
+const ENOUGH_BYTES: rlim_t = 1 << 30;
 
 /// The process could not give up a right, or could not look up the new user.
 #[derive(Debug, thiserror::Error)]

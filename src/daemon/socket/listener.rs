@@ -1,17 +1,17 @@
 //! The command socket's place in the file system. The daemon makes the socket's file with mode and group complete,
 //! takes the place over from a dead daemon but never from a living one, and removes the file at the end.
 
-use std::fs::DirBuilder;
+use std::fs::{DirBuilder, File};
 use std::io;
-use std::os::fd::{AsFd, OwnedFd};
-use std::os::unix::fs::{DirBuilderExt, FileTypeExt, MetadataExt};
+use std::os::fd::AsFd;
+use std::os::unix::fs::{DirBuilderExt, FileTypeExt, MetadataExt, OpenOptionsExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use log::warn;
 use nix::fcntl::{AT_FDCWD, AtFlags, OFlag, renameat};
-use nix::sys::stat::{FchmodatFlags, Mode, fchmodat, fstat};
+use nix::sys::stat::{FchmodatFlags, Mode, fchmodat};
 use nix::unistd::{Gid, UnlinkatFlags, fchownat, unlinkat};
 
 use super::policy::{PolicyError, group_id};
@@ -91,7 +91,7 @@ impl Drop for OwnFile {
 /// could put a link under any name there, and so have root change the mode of a file of that user's choice.
 struct Workshop {
     name: PathBuf,
-    directory: OwnedFd,
+    directory: File,
 }
 
 /// The socket's name in that directory.
@@ -115,10 +115,10 @@ impl Workshop {
         }
         let name = made?;
         let flags = OFlag::O_PATH | OFlag::O_DIRECTORY | OFlag::O_NOFOLLOW | OFlag::O_CLOEXEC;
-        let directory = nix::fcntl::open(&name, flags, Mode::empty())?;
+        let directory = File::options().read(true).custom_flags(flags.bits()).open(&name)?;
         let workshop = Self { name, directory };
-        let found = fstat(&workshop.directory)?;
-        if found.st_uid != nix::unistd::geteuid().as_raw() || found.st_mode & 0o077 != 0 {
+        let found = workshop.directory.metadata()?;
+        if found.uid() != nix::unistd::geteuid().as_raw() || found.mode() & 0o077 != 0 {
             return Err(io::Error::other("somebody put another directory in its place"));
         }
         Ok(workshop)
