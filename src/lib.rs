@@ -80,16 +80,6 @@
 //! * Addresses and formats are data of a family; firmware, DPRAM size, byte and text order are settings. Code asks for
 //!   the generation only where the boards answer differently or the host must ask differently.
 
-// The segment is an array of 64-bit words that readers load from a read-only mapping.
-#[cfg(not(target_pointer_width = "64"))]
-compile_error!(
-    "pmac-dpram needs a 64-bit target: a 32-bit processor cannot load the segment's 8-byte words from read-only memory atomically"
-);
-#[cfg(not(target_endian = "little"))]
-compile_error!(
-    "pmac-dpram needs a little-endian target: the board's words, and what reads them, are little-endian, and nobody has tried another"
-);
-
 #[cfg(feature = "cli")]
 pub mod cli;
 #[cfg(feature = "client")]

@@ -158,10 +158,15 @@ impl Mapping {
     /// Reads before this call happen before reads after it.
     #[inline]
     pub fn order_reads(&self) {
-        // On x86 uncached reads stay in order and the fence binds only the compiler; elsewhere it is a load barrier.
+        // x86: uncached reads stay in order (Intel SDM volume 3A, "Methods of Caching Available"), and the fence binds only
+        // the compiler. 32-bit ARM: the fence is `dmb ish`; the kernel maps a device as one whose accesses stay in order.
         fence(Ordering::Acquire);
+        // 64-bit ARM: the kernel maps a device as Device-nGnRnE or -nGnRE, and accesses to one device stay in order there
+        // (ARM DDI 0487, B2 "Device memory"). A bridge has several devices behind it, and a window may be mapped as Normal
+        // memory: so a barrier of loads, in the outer shareable domain, which holds the devices, as the kernel's `readw`
+        // has it. The fence above orders inner-shareable memory only.
         #[cfg(target_arch = "aarch64")]
-        // SAFETY: a barrier instruction touches no memory. The fence above orders inner-shareable memory only.
+        // SAFETY: a barrier instruction touches no memory.
         unsafe {
             std::arch::asm!("dmb oshld", options(nostack, preserves_flags));
         }
@@ -170,9 +175,11 @@ impl Mapping {
     /// Writes before this call reach the memory before writes after it.
     #[inline]
     pub fn order_writes(&self) {
+        // As in `order_reads`. x86: uncached writes stay in order, and none is combined with another.
         fence(Ordering::Release);
+        // 64-bit ARM: a barrier of stores, as the kernel's `writew` has it.
         #[cfg(target_arch = "aarch64")]
-        // SAFETY: a barrier instruction touches no memory. The fence above orders inner-shareable memory only.
+        // SAFETY: a barrier instruction touches no memory.
         unsafe {
             std::arch::asm!("dmb oshst", options(nostack, preserves_flags));
         }
@@ -227,96 +234,96 @@ pub(in crate::device) fn inherited(number: RawFd) -> Option<OwnedFd> {
     Some(unsafe { OwnedFd::from_raw_fd(number) })
 }
 
+/// Loads a number by one instruction: that for x86 or that for 64-bit ARM. On other processors a volatile access is the best
+/// that Rust offers.
+#[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+macro_rules! load {
+    ($place:ident: $number:ty, $class:ident, $x86:literal, $arm:literal) => {{
+        let value: $number;
+        // No `nomem`, so the compiler keeps the order of accesses.
+        std::arch::asm!($x86, out($class) value, in(reg) $place, options(nostack, preserves_flags, readonly));
+        value
+    }};
+}
+#[cfg(target_arch = "aarch64")]
+macro_rules! load {
+    ($place:ident: $number:ty, $class:ident, $x86:literal, $arm:literal) => {{
+        let value: $number;
+        std::arch::asm!($arm, out(reg) value, in(reg) $place, options(nostack, preserves_flags, readonly));
+        value
+    }};
+}
+#[cfg(not(any(target_arch = "x86", target_arch = "x86_64", target_arch = "aarch64")))]
+macro_rules! load {
+    ($place:ident: $number:ty, $class:ident, $x86:literal, $arm:literal) => {
+        $place.read_volatile()
+    };
+}
+
+/// Stores a number by one instruction, as [`load`] loads one.
+#[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+macro_rules! store {
+    ($place:ident = $value:expr, $class:ident, $x86:literal, $arm:literal) => {
+        std::arch::asm!($x86, in(reg) $place, in($class) $value, options(nostack, preserves_flags))
+    };
+}
+#[cfg(target_arch = "aarch64")]
+macro_rules! store {
+    ($place:ident = $value:expr, $class:ident, $x86:literal, $arm:literal) => {
+        std::arch::asm!($arm, in(reg) $place, in(reg) $value, options(nostack, preserves_flags))
+    };
+}
+#[cfg(not(any(target_arch = "x86", target_arch = "x86_64", target_arch = "aarch64")))]
+macro_rules! store {
+    ($place:ident = $value:expr, $class:ident, $x86:literal, $arm:literal) => {
+        $place.write_volatile($value)
+    };
+}
+
+/// A bus bridge keeps the addresses of bytes, so a word's first byte is its low byte on big-endian hosts, too.
+///
 /// # Safety
 /// `word` is 2-byte aligned and points into a live readable mapping.
 #[inline]
 unsafe fn load16(word: *const u16) -> u16 {
-    #[cfg(target_arch = "x86_64")]
-    {
-        let value: u16;
-        // SAFETY: by the caller's promise. No `nomem`, so the compiler keeps the order of accesses.
-        unsafe {
-            std::arch::asm!("mov {0:x}, word ptr [{1}]", out(reg) value, in(reg) word, options(nostack, preserves_flags, readonly));
-        }
-        value
-    }
-    #[cfg(not(target_arch = "x86_64"))]
     // SAFETY: by the caller's promise.
-    unsafe {
-        word.read_volatile()
-    }
+    u16::from_le(unsafe { load!(word: u16, reg, "mov {0:x}, word ptr [{1}]", "ldrh {0:w}, [{1}]") })
 }
 
+/// The word at the lower address is the low half on every host: see [`load16`].
+///
 /// # Safety
 /// `pair` is 4-byte aligned and points to 4 bytes of a live readable mapping.
 #[inline]
 unsafe fn load32(pair: *const u32) -> u32 {
-    #[cfg(target_arch = "x86_64")]
-    {
-        let value: u32;
-        // SAFETY: by the caller's promise. No `nomem`, so the compiler keeps the order of accesses.
-        unsafe {
-            std::arch::asm!("mov {0:e}, dword ptr [{1}]", out(reg) value, in(reg) pair, options(nostack, preserves_flags, readonly));
-        }
-        value
-    }
-    #[cfg(not(target_arch = "x86_64"))]
     // SAFETY: by the caller's promise.
-    unsafe {
-        pair.read_volatile()
-    }
+    u32::from_le(unsafe { load!(pair: u32, reg, "mov {0:e}, dword ptr [{1}]", "ldr {0:w}, [{1}]") })
 }
 
+/// See [`load16`].
+///
 /// # Safety
 /// `word` is 2-byte aligned and points into a live writable mapping.
 #[inline]
 unsafe fn store16(word: *mut u16, value: u16) {
-    #[cfg(target_arch = "x86_64")]
-    // SAFETY: by the caller's promise. No `nomem`, so the compiler keeps the order of accesses.
-    unsafe {
-        std::arch::asm!("mov word ptr [{0}], {1:x}", in(reg) word, in(reg) value, options(nostack, preserves_flags));
-    }
-    #[cfg(not(target_arch = "x86_64"))]
     // SAFETY: by the caller's promise.
-    unsafe {
-        word.write_volatile(value)
-    }
+    unsafe { store!(word = value.to_le(), reg, "mov word ptr [{0}], {1:x}", "strh {1:w}, [{0}]") }
 }
 
 /// # Safety
 /// `byte` points into a live readable mapping.
 #[inline]
 unsafe fn load8(byte: *const u8) -> u8 {
-    #[cfg(target_arch = "x86_64")]
-    {
-        let value: u8;
-        // SAFETY: by the caller's promise. No `nomem`, so the compiler keeps the order of accesses.
-        unsafe {
-            std::arch::asm!("mov {0}, byte ptr [{1}]", out(reg_byte) value, in(reg) byte, options(nostack, preserves_flags, readonly));
-        }
-        value
-    }
-    #[cfg(not(target_arch = "x86_64"))]
     // SAFETY: by the caller's promise.
-    unsafe {
-        byte.read_volatile()
-    }
+    unsafe { load!(byte: u8, reg_byte, "mov {0}, byte ptr [{1}]", "ldrb {0:w}, [{1}]") }
 }
 
 /// # Safety
 /// `byte` points into a live writable mapping.
 #[inline]
 unsafe fn store8(byte: *mut u8, value: u8) {
-    #[cfg(target_arch = "x86_64")]
-    // SAFETY: by the caller's promise. No `nomem`, so the compiler keeps the order of accesses.
-    unsafe {
-        std::arch::asm!("mov byte ptr [{0}], {1}", in(reg) byte, in(reg_byte) value, options(nostack, preserves_flags));
-    }
-    #[cfg(not(target_arch = "x86_64"))]
     // SAFETY: by the caller's promise.
-    unsafe {
-        byte.write_volatile(value)
-    }
+    unsafe { store!(byte = value, reg_byte, "mov byte ptr [{0}], {1}", "strb {1:w}, [{0}]") }
 }
 
 #[cfg(test)]

@@ -24,7 +24,7 @@ const NODE: &str = "/dev/mem";
 /// The name of the descriptor that a service manager may hand over instead.
 pub const HANDED_OVER: &str = "mem";
 /// Below 1 MiB the processor's fixed memory types decide about caching, whatever a mapping asks for.
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
 const FIXED_RANGES: u64 = 0x10_0000;
 
 /// Maps `length` bytes of physical memory from `address` on.
@@ -90,14 +90,15 @@ fn check_handed_over(file: &File, range: &Range<u64>) -> Result<(), Why> {
     if flags & OFlag::O_ACCMODE != OFlag::O_RDWR {
         return unsuitable("is not open for reading and writing; leave `read-only` out of OpenFile=");
     }
-    #[cfg(target_arch = "x86_64")]
+    #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
     if metadata.file_type().is_char_device() && range.end > FIXED_RANGES && !flags.contains(OFlag::O_SYNC) {
         return unsuitable(
             "was opened without O_SYNC, as systemd does, so a window above 1 MiB would be cached; let the service \
             open /dev/mem itself (AmbientCapabilities=CAP_SYS_RAWIO), or use a UIO driver",
         );
     }
-    #[cfg(not(target_arch = "x86_64"))]
+    // Elsewhere the kernel caches nothing that is no memory.
+    #[cfg(not(any(target_arch = "x86", target_arch = "x86_64")))]
     let _ = range;
     Ok(())
 }
