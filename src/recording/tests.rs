@@ -175,7 +175,7 @@ fn a_recording_is_read_in_bounds() {
     assert!(last.ends_with("images.ndjson:4097: more than 4096 lines"), "{last}");
     // Replies of empty lines take memory, too.
     let answer = format!("{{\"line\":\"P1\",\"reply\":[{}\"\"]}}\n", "\"\",".repeat(20_000));
-    fs::write(directory.path().join(files::ANSWERS), answer.repeat(40)).unwrap();
+    fs::write(directory.path().join(files::ANSWERS), answer.repeat(80)).unwrap();
     let fault = Recording::read(directory.path()).unwrap_err().to_string();
     assert!(fault.ends_with(": the replies take more than 16777216 bytes"), "{fault}");
     // The reader stops at the first fault.
