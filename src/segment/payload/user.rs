@@ -151,9 +151,13 @@ mod tests {
             ),
         ];
         let bytes = encode_table(&words);
-        assert_eq!((bytes.len(), bytes[0], bytes[4]), (table_bytes(&words), 2, 64));
+        assert_eq!(
+            (bytes.len(), &bytes[..8]),
+            (table_bytes(&words), [2_u32, 64].map(u32::to_ne_bytes).as_flattened())
+        );
         assert_eq!(bytes[0x10 + 0x38..0x10 + 0x3C], [2, 0, 0, 0]);
-        assert_eq!(bytes[0x50 + 0x34..0x50 + 0x3C], [16, 0, 2, 0, 0, 8, 4, 1]);
+        assert_eq!(bytes[0x50 + 0x34..0x50 + 0x38], *[16_u16, 2].map(u16::to_ne_bytes).as_flattened());
+        assert_eq!(bytes[0x50 + 0x38..0x50 + 0x3C], [0, 8, 4, 1]);
         assert_eq!(decode_table(&bytes).unwrap(), words);
         let payload = [header(0b10).to_vec(), vec![1, 2, 3, 4, 5, 6]].concat();
         assert_eq!(payload.len(), payload_words(&words));
@@ -165,8 +169,9 @@ mod tests {
     fn a_table_that_no_daemon_writes_is_none() {
         let whole = encode_table(&[word("count", Space::Dp, None, None)]);
         assert!(decode_table(&whole[..79]).is_none());
-        for (at, value) in [(0, 200), (0x10 + AT_SPACE, 9), (0x10 + AT_WIDTH, 40), (0x10 + AT_HOST_OFFSET, 1)]
-        {
+        let low = if cfg!(target_endian = "big") { 3 } else { 0 };
+        let odd = 0x10 + AT_HOST_OFFSET + low;
+        for (at, value) in [(low, 200), (0x10 + AT_SPACE, 9), (0x10 + AT_WIDTH, 40), (odd, 1)] {
             let mut bytes = whole.clone();
             bytes[at] = value;
             assert_eq!(decode_table(&bytes), None, "{at:#x}");
