@@ -21,6 +21,8 @@ pub fn shared_memory(report: &mut Report) {
             report.fail(WHAT, text);
         }
         Ok(room) => {
+            // A 32-bit host has these numbers with 32 bits.
+            #[allow(clippy::unnecessary_cast)]
             let free = room.blocks_available() as u64 * room.fragment_size() as u64;
             let mib = free >> 20;
             if free < ROOM {
