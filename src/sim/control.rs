@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use crate::map::HostOffset;
 use crate::sim::board::motor::Inputs;
+use crate::sim::board::motor::flags::{MINUS, PLACES, PLUS, everywhere};
 use crate::sim::program::item::Message;
 use crate::sim::program::message::{Outlet, send};
 use crate::sim::world::World;
@@ -164,9 +165,19 @@ pub static COMMANDS: &[Command] = &[
         carry_out: |call| {
             let &[motor, end @ ("+" | "-" | "0")] = call.arguments else { return None };
             done(inputs(call.world, motor).map(|inputs| {
-                inputs.positive_limit = end == "+";
-                inputs.negative_limit = end == "-";
+                inputs.places[PLUS] = everywhere(end == "+");
+                inputs.places[MINUS] = everywhere(end == "-");
             }))
+        },
+    },
+    Command {
+        form: "place MOTOR home|plus|minus|user|stop FROM TO",
+        effect: "puts a flag's switch, or a hard stop, between two positions of the shaft, in counts",
+        carry_out: |call| {
+            let &[motor, name, from, to] = call.arguments else { return None };
+            let place = PLACES.iter().position(|place| *place == name)?;
+            let between = [from.parse().ok()?, to.parse().ok()?];
+            done(inputs(call.world, motor).map(|inputs| inputs.places[place] = between))
         },
     },
     Command {
@@ -305,6 +316,7 @@ mod tests {
                 .form
                 .replace("NAME on|off|N", "servo_silent on")
                 .replace("MOTOR", "1")
+                .replace("home|plus|minus|user|stop FROM TO", "home 100 200")
                 .replace("+|-|0", "+")
                 .replace("on|off", "on")
                 .replace("OFFSET VALUE", "0x0A00 5")

@@ -2,6 +2,7 @@
 
 use crate::sim::board::axes::AxisDefinition;
 use crate::sim::board::jog::Jog;
+use crate::sim::board::motor::flags::{PLUS, everywhere};
 use crate::sim::control::carry_out;
 use crate::sim::testing::{Bench, d, l};
 
@@ -164,7 +165,7 @@ fn limits_stop_at_ix15_and_let_out_again() {
         if software {
             bench.set(113, bench.world.board.motors[0].commanded() + 100.0);
         } else {
-            bench.world.board.inputs(0).unwrap().positive_limit = true;
+            bench.world.board.inputs(0).unwrap().places[PLUS] = everywhere(true);
         }
         bench.until(LONG, |board| board.motor_status(0)[0] & POSITIVE_END != 0);
         assert_eq!(bench.world.board.motor_status(0)[0] & (ABORTING | NEGATIVE_END), ABORTING);
@@ -316,4 +317,65 @@ fn axes_are_renamed_by_the_bias() {
     assert_eq!(bench.world.board.rename_axis(0, 'Y', 7.0).unwrap_err().0, 3);
     // Limits and jogs still count from home.
     assert_eq!(bench.world.board.motors[0].commanded(), 500.0);
+}
+
+/// A bench of a Turbo PMAC2 whose first motor stands at the shaft's zero, with its switches in `places`.
+fn flagged(places: &[&str]) -> Bench {
+    let mut bench = Bench::of(&crate::sim::board::turbo::TURBO2, "1.947");
+    for place in places {
+        assert_eq!(carry_out(&mut bench.world, &format!("place 1 {place}")), "ok");
+    }
+    for line in ["I123=-10 I115=100 I119=1", "#1J/"] {
+        assert_eq!(bench.world.execute(line.as_bytes()).error, None);
+    }
+    bench
+}
+
+#[test]
+fn a_search_finds_the_edge_of_the_flag_that_its_channel_selects() {
+    // I7012 and I7013, the flag's place, and the shaft's position there: the flag comes on, or goes off.
+    for (setting, place, edge) in [
+        ("I7012=2 I7013=0", "home -2500 -1500", -1500.0),
+        ("I7012=2 I7013=3", "user -2500 -1500", -1500.0),
+        ("I7012=10 I7013=0", "home -1500 100", -1500.0),
+        ("I7012=1", "home -2500 -1500", -8000.0),
+        ("I7012=3 I7013=0", "home -9000 -7900", -8000.0),
+        ("I125=$3440", "home -2500 -1500", -8000.0),
+    ] {
+        let mut bench = flagged(&[place]);
+        for line in [setting, "#1HM"] {
+            assert_eq!(bench.world.execute(line.as_bytes()).error, None);
+        }
+        bench.until(LONG, |board| board.motor_status(0)[1] & HOMED != 0);
+        settle(&mut bench, 0);
+        bench.run(500);
+        let board = &bench.world.board;
+        assert_eq!(board.position(0), 0.0, "{setting}");
+        assert!((board.motors[0].shaft() - edge).abs() < 0.1, "{setting}: {}", board.motors[0].shaft());
+    }
+}
+
+#[test]
+fn limit_switches_and_hard_stops_have_their_places() {
+    let mut bench = flagged(&["minus -10000000 -3000", "stop 2000 10000000"]);
+    let board = &mut bench.world.board;
+    board.jog(0, Jog::Minus, None).unwrap();
+    bench.until(LONG, |board| !board.motors[0].moving());
+    assert_eq!(bench.world.board.motor_status(0)[1] & ON_LIMIT, ON_LIMIT);
+    assert_eq!(bench.world.board.motor_status(0)[0] & NEGATIVE_END, NEGATIVE_END);
+    // Bit 17 of I124 lets the motor go on.
+    for line in ["I124=$20001", "#1J:-1000"] {
+        assert_eq!(bench.world.execute(line.as_bytes()).error, None);
+    }
+    settle(&mut bench, 0);
+    assert_eq!(bench.world.board.motor_status(0)[0] & NEGATIVE_END, 0);
+    // Bit 1 of I197: the warning following error is the trigger.
+    for line in ["I111=320000 I197=3", "#1J=100000^-500"] {
+        assert_eq!(bench.world.execute(line.as_bytes()).error, None);
+    }
+    bench.until(LONG, |board| board.motor_status(0)[1] & TRIGGER_MOVE == 0);
+    settle(&mut bench, 0);
+    bench.run(500);
+    let shaft = bench.world.board.motors[0].shaft();
+    assert!((1460.0..=1500.0).contains(&shaft), "{shaft}");
 }

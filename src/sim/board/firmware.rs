@@ -131,6 +131,8 @@ const fn pmac(
             in_position_scans: Setting::Board(7),
             segmentation: Setting::Board(13),
             flag_mode: Setting::Motor(25),
+            error_trigger: (Setting::Motor(3), 1 << 17),
+            has_channels: false,
             rapid_speed: Setting::Board(50),
             hold_slew: Setting::Board(52),
             step_mode: Setting::Board(53),

@@ -347,6 +347,7 @@ impl Board {
     /// The servo loop of the 0-based `motor`, at `time_base` of its coordinate system.
     pub fn servo_loop(&mut self, motor: usize, time_base: f64) -> Events {
         let ms = self.cycle_ms();
+        self.motors[motor].capture = self.capture(motor);
         let noise = self.noise.as_mut().map_or(0.0, |noise| noise.unit() / 2.0);
         self.motors[motor].cycle(IVariables::motor(motor + 1, 0), &self.variables, ms, time_base, noise)
     }

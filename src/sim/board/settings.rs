@@ -18,8 +18,13 @@ pub struct Settings {
     pub in_position_scans: Setting,
     /// Milliseconds of a segment; 0 for no segmentation.
     pub segmentation: Setting,
-    /// Bits 22-21: the motors that a fatal following error kills besides the motor.
+    /// Bit 0: a PMAC2-style gate array has the flags. Bit 17: limit switches do not stop the motor. Bits 22-21: the
+    /// motors that a fatal following error kills besides the motor.
     pub flag_mode: Setting,
+    /// The bit by which the warning following error is the trigger of a move.
+    pub error_trigger: (Setting, u32),
+    /// Whether I7mn2 and I7mn3 say which flag is the trigger; else the index pulse is.
+    pub has_channels: bool,
     /// 1: RAPID goes at Ixx16, else at Ixx22.
     pub rapid_speed: Setting,
     /// How fast a program hold slows down.

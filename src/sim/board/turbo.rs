@@ -99,6 +99,8 @@ const fn turbo(
             in_position_scans: Setting::Motor(88),
             segmentation: Setting::System(13),
             flag_mode: Setting::Motor(24),
+            error_trigger: (Setting::Motor(97), 1 << 1),
+            has_channels: true,
             rapid_speed: Setting::Motor(90),
             hold_slew: Setting::System(52),
             step_mode: Setting::System(53),

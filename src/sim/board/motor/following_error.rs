@@ -2,7 +2,8 @@
 //!
 //! Software Reference pp. 72-81, 190-194, 241; User Manual pp. 127-135.
 
-use crate::sim::board::motor::{INDEX_PERIOD, Loop, Motor, Purpose, ramp};
+use crate::sim::board::motor::flags::{MINUS, PLUS};
+use crate::sim::board::motor::{Loop, Motor, Purpose, ramp};
 use crate::sim::board::profile::Profile;
 use crate::sim::board::variables::Variables;
 
@@ -16,15 +17,11 @@ impl Motor {
         let Some(purpose) = self.motion.as_ref().filter(|_| searching).map(|motion| motion.purpose) else {
             return false;
         };
-        let on_warning = variables.i(x + 3) as u32 >> 17 & 1 == 1;
-        let captured = if pulse || on_warning && self.warning {
-            self.shaft
-        } else if on_warning || self.inputs.no_index {
-            return false;
-        } else if let Some(pulse) = index_between(before, self.shaft) {
-            pulse
-        } else {
-            return false;
+        let is_warning = self.capture.is_warning;
+        let captured = match self.captured(before).filter(|_| !is_warning) {
+            _ if pulse || is_warning && self.warning => self.shaft,
+            Some(captured) => captured,
+            None => return false,
         };
         let ramp = ramp(x, variables);
         let position = captured - self.reference;
@@ -45,12 +42,12 @@ impl Motor {
 
     /// Stops the motor at Ix15 when it runs into a limit; true when it did.
     pub fn watch_limits(&mut self, x: usize, variables: &Variables) -> bool {
-        let hardware = variables.i(x + 25) as u32 >> 17 & 1 == 0;
+        let is_open = |end| self.capture.limits && self.inputs.is_on(end, self.shaft);
         let homing = self.motion.as_ref().is_some_and(|motion| motion.purpose == Purpose::Search);
         let (upper, lower) = (variables.i(x + 13), variables.i(x + 14));
         self.limits = [
-            hardware && self.inputs.positive_limit || !homing && upper != 0.0 && self.commanded > upper,
-            hardware && self.inputs.negative_limit || !homing && lower != 0.0 && self.commanded < lower,
+            is_open(PLUS) || !homing && upper != 0.0 && self.commanded > upper,
+            is_open(MINUS) || !homing && lower != 0.0 && self.commanded < lower,
         ];
         let into =
             self.limits[0] && self.desired_velocity > 0.0 || self.limits[1] && self.desired_velocity < 0.0;
@@ -75,14 +72,4 @@ impl Motor {
         }
         killed
     }
-}
-
-/// The position of the index pulse between `before` and `after`, if any.
-fn index_between(before: f64, after: f64) -> Option<f64> {
-    let pulse = if after > before {
-        (after / INDEX_PERIOD).floor() * INDEX_PERIOD
-    } else {
-        (after / INDEX_PERIOD).ceil() * INDEX_PERIOD
-    };
-    (after > before && pulse > before || after < before && pulse < before).then_some(pulse)
 }

@@ -8,9 +8,11 @@
 //! Jog and home: Software Reference pp. 72-76, 190-194, 241; User Manual pp. 127-135.
 
 pub mod backlash;
+pub mod flags;
 mod following_error;
 
 use crate::sim::board::motor::backlash::Backlash;
+use crate::sim::board::motor::flags::{Capture, PLACES, STOP};
 use crate::sim::board::profile::{Profile, Ramp};
 use crate::sim::board::variables::Variables;
 use crate::sim::board::written::Shown;
@@ -75,10 +77,8 @@ pub struct Events {
 /// The world around the motor, as the control socket sets it.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Inputs {
-    /// The limit switch at the positive end is open.
-    pub positive_limit: bool,
-    /// The limit switch at the negative end is open.
-    pub negative_limit: bool,
+    /// The shaft positions, from and to, of each of [`PLACES`].
+    pub places: [[f64; 2]; PLACES.len()],
     /// A trigger pulse is due.
     pub trigger: bool,
     /// The shaft is held fast.
@@ -138,6 +138,7 @@ pub struct Motor {
     /// Take-up of backlash.
     pub(super) backlash: Backlash,
     pub(super) shown: Shown,
+    pub(super) capture: Capture,
 }
 
 impl Motor {
@@ -171,6 +172,7 @@ impl Motor {
             compensation: 0.0,
             backlash: Backlash::default(),
             shown: Shown::default(),
+            capture: Capture::default(),
         }
     }
 
@@ -447,8 +449,9 @@ impl Motor {
             }
         };
         self.shaft += std::mem::take(&mut self.inputs.turned);
-        if !self.inputs.stalled {
-            self.shaft += self.output * COUNTS_PER_BIT * ms;
+        let next = self.shaft + self.output * COUNTS_PER_BIT * ms;
+        if !self.inputs.stalled && !self.inputs.is_on(STOP, next) {
+            self.shaft = next;
         }
     }
 }
