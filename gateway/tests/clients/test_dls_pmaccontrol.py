@@ -139,7 +139,7 @@ def test_it_jogs_and_kills(site, window):
     assert site.has_told("^K")
 
 
-def test_it_gathers_what_moves(site, window):
+def test_it_gathers_what_moves_and_plots_it(site, window):
     form = window.form
     window.connect()
     form.dataGather()
@@ -169,4 +169,8 @@ def test_it_gathers_what_moves(site, window):
     step = 2 * int(site.send("I10")[0]) / 8388608 * 32
     assert all(abs(b - a - step) < 0.1 for a, b in zip(desired, desired[1:])), [step, *desired]
     assert all(abs(a - b - c) < 2 and c > 1 for a, b, c in zip(desired, actual, error)), [desired, actual, error]
+    for channel in gather.lstChannels:
+        plotted = channel.qwtCurve.data()
+        assert list(plotted.xData()) == list(range(len(channel.scaledData)))
+        assert list(plotted.yData()) == list(channel.scaledData)
     window.picture("gather", gather)
