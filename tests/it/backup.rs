@@ -205,3 +205,57 @@ fn variables_of_macro_stations_are_backed_up_compared_and_put_back() {
     assert!(ran.code == Some(0) && !ran.stdout.contains("MS"), "{ran:?}");
     without.assert_no_violations();
 }
+
+/// For a nightly job: the exit status tells a board that differs from a board that could not be asked.
+#[test]
+fn a_check_tells_what_differs_from_a_backup_and_what_is_new() {
+    let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+    site.wait_for_identity();
+    let listing = "I122=32.5\nM1->Y:$00FFC2,8,1\n#1->100X\nOPEN PROG 5 CLEAR\nX1\nCLOSE\nOPEN PLC 3 CLEAR\nP1=1\nCLOSE\n";
+    let path = site.file("night.txt", listing);
+    assert_eq!(site.run(&["restore", &path, "--yes"]).code, Some(0));
+    let check =
+        |more: &[&str]| site.run(&[&["backup", "--check", &path, "--programs", "1..20"], more].concat());
+    let same = check(&[]);
+    assert_eq!(
+        (same.stdout.as_str(), same.stderr.as_str(), same.code),
+        ("", "", Some(0)),
+        "spelling is nothing"
+    );
+    for line in [
+        "I122=40",
+        "#2->Y",
+        "OPEN PROG 7 CLEAR X2 CLOSE",
+        "OPEN PROG 5 CLEAR CLOSE",
+        "OPEN PLC 3 CLEAR P1=2 CLOSE",
+    ] {
+        assert_eq!(site.run(&["send", line]).code, Some(0), "{line}");
+    }
+    let differs = check(&[]);
+    let told = format!(
+        "I122: 32.5 in {path}, 40 on the board\n&1#2->: on the board, not in {path}\nPROG 5: in {path}, not on the board\n\
+         PROG 7: on the board, not in {path}\nPLC 3: another program on the board\n"
+    );
+    assert_eq!((differs.stdout.as_str(), differs.code), (told.as_str(), Some(1)));
+    let document = check(&["--json"]).json();
+    assert_eq!(document.as_array().unwrap().len(), 5, "{document}");
+    assert_eq!(document[1], serde_json::json!({ "variable": "&1#2->", "first": null, "second": "Y" }));
+    assert_eq!(check(&["--what", "M"]).code, Some(0));
+    let none = check(&["--what", "Q"]);
+    assert!(none.code == Some(2) && none.stderr.contains("nothing was compared"), "{none:?}");
+    // A board that refuses a question differs from no backup.
+    site.ask("OPEN PLC 4 CLEAR");
+    let refused = check(&[]);
+    assert_eq!((refused.stdout.as_str(), refused.code), ("", Some(2)), "{refused:?}");
+}
+
+#[test]
+fn a_check_lists_some_differences_and_counts_the_rest() {
+    let site = VirtualSite::running(&[], &[]);
+    let listing: String = (0..25).map(|number| format!("P{number}=1\n")).collect();
+    let path = site.file("night.txt", &listing);
+    let differs = site.run(&["backup", "--check", &path, "--programs", "1"]);
+    assert_eq!(differs.code, Some(1));
+    assert_eq!(differs.stdout.lines().count(), 21);
+    assert!(differs.stdout.ends_with("and 5 more: --json has them all\n"), "{}", differs.stdout);
+}

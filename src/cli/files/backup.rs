@@ -2,30 +2,27 @@
 //! control.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::json;
 
-use super::mistakes::mistaken;
-use crate::cli::console::input::{read, shown};
+use super::check::check;
+use super::differences::{differences, document, entries, held_of};
+use crate::cli::console::input::shown;
 use crate::cli::console::sink;
 use crate::cli::console::{board_of, confirm, note, sending};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::listings;
 use crate::cli::files::meaning;
-use crate::cli::files::saved::{Saved, What, finish, name};
+use crate::cli::files::saved::{Saved, What, name};
 use crate::cli::files::sequence::{begin, left};
-use crate::cli::files::settings_file::{Entry, Item, keep_address, parse};
+use crate::cli::files::settings_file::{Entry, Item, keep_address};
 use crate::client::Connection;
-use crate::format::file_text;
 use crate::language::Meaning;
-use crate::map::IVariables;
 use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
 use crate::rotary::same_line;
 
-/// Largest file. All variables of any board fit.
-const LARGEST_FILE: u64 = 16 << 20;
 /// The variables of the port over which the daemon sends these lines. A change could cut the restore off half-way, and
 /// I58 sets the others.
 const PORT: [u16; 4] = [3, 4, 6, 58];
@@ -51,6 +48,10 @@ pub struct Backup {
     /// The motion programs to look for: boards do not tell which they have. The G, M, T and D codes are programs from 1000 on
     #[arg(long, value_name = "FIRST..LAST", default_value = "1..1010", value_parser = programs)]
     pub programs: (u16, u16),
+    /// Compare the board with a file of an earlier backup instead, axis definitions and programs that the file lacks
+    /// included, and list the differences. Exit status: 0 the same, 1 different, 2 not compared
+    #[arg(long, value_name = "FILE", conflicts_with = "output")]
+    pub check: Option<PathBuf>,
 }
 
 /// A range of motion programs.
@@ -88,6 +89,9 @@ pub struct Restore {
 }
 
 pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failure> {
+    if let Some(file) = &options.check {
+        return check(context, file, &options.what, options.programs);
+    }
     let mut connection = context.connection()?;
     let saved = Saved::ask(&mut connection, "backup", &options.what, options.programs, None)?;
     let text = if context.output.is_json() { saved.document()? } else { saved.text() };
@@ -98,44 +102,15 @@ pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failur
     Ok(Verdict::Yes)
 }
 
-/// The board's values of `items`, read in a sequence of their own.
-fn held_of(
-    context: &Context,
-    kind: &str,
-    items: impl Iterator<Item = Item>,
-) -> Result<BTreeMap<Item, String>, Failure> {
-    let mut connection = context.connection()?;
-    let mut board = begin(&mut connection, kind, true);
-    let held = listings::read(&mut board, items);
-    finish(board)?;
-    held
-}
-
 pub fn diff(context: &mut Context, options: &Diff) -> Result<Verdict, Failure> {
     let ours = entries(&options.file)?;
-    let mut differences: BTreeMap<Item, (Option<String>, Option<String>)> = BTreeMap::new();
     let theirs: BTreeMap<Item, String> = match &options.other {
         Some(path) => entries(path)?.into_iter().map(|entry| (entry.item, entry.text)).collect(),
         None => held_of(context, "diff", ours.iter().map(|entry| entry.item))?,
     };
-    let named: BTreeSet<Item> = ours.iter().map(|entry| entry.item).collect();
-    for (item, text) in &theirs {
-        if !named.contains(item) {
-            differences.insert(*item, (None, Some(text.clone())));
-        }
-    }
-    for entry in ours {
-        let other = theirs.get(&entry.item);
-        if !other.is_some_and(|other| entry.item.same(&entry.text, other)) {
-            differences.insert(entry.item, (Some(entry.text), other.cloned()));
-        }
-    }
+    let differences = differences(ours, &theirs);
     if context.output.is_json() {
-        let document: Vec<_> = differences
-            .iter()
-            .map(|(item, (one, other))| json!({ "variable": name(*item), "first": one, "second": other }))
-            .collect();
-        context.output.json(&document)?;
+        context.output.json(&document(&differences))?;
     } else {
         for (item, (one, other)) in &differences {
             for line in differing(*item, one.as_deref(), other.as_deref()) {
@@ -364,14 +339,4 @@ impl<'a> Report<'a> {
         }
         true
     }
-}
-
-fn entries(path: &Path) -> Result<Vec<Entry>, Failure> {
-    let file = shown(path);
-    let bytes = read(path, LARGEST_FILE).map_err(|why| Failure::Request(format!("{file}: {why}")))?;
-    let text = file_text::read(&bytes).map_err(|reason| Failure::Request(format!("{file}: {reason}")))?;
-    let mut entries = parse(&file, &text).map_err(|mistakes| mistaken(&mistakes))?;
-    // A file of another program may set timers. Their values have changed before the program can compare them.
-    entries.retain(|entry| !matches!(entry.item, Item::I(number) if IVariables::is_timer(number)));
-    Ok(entries)
 }

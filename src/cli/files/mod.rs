@@ -1,6 +1,8 @@
 //! Command files and settings: `download`, `backup`, `diff`, `restore`.
 
 pub mod backup;
+mod check;
+mod differences;
 pub mod download;
 mod listings;
 mod meaning;

@@ -148,10 +148,7 @@ fn settings(
 ) -> Result<BTreeMap<Item, String>, Failure> {
     let mut held = read(board, items)?;
     // A missing definition or program is no setting: `restore` deletes none.
-    held.retain(|item, text| match item {
-        Item::Axis { .. } => text != "0",
-        item => !item.is_program() || !text.is_empty(),
-    });
+    held.retain(|item, text| is_there(*item, text));
     let own: Vec<Item> = held
         .iter()
         .filter_map(|(item, text)| match item {
@@ -167,8 +164,16 @@ fn settings(
     Ok(held)
 }
 
+/// Whether the board has `item` at all, which it lists as `text`.
+pub fn is_there(item: Item, text: &str) -> bool {
+    match item {
+        Item::Axis { .. } => text != "0",
+        item => !item.is_program() || !text.is_empty(),
+    }
+}
+
 /// The items besides variables.
-fn others(wanted: &[What], programs: (u16, u16), family: &Family) -> Vec<Item> {
+pub fn others(wanted: &[What], programs: (u16, u16), family: &Family) -> Vec<Item> {
     let is_wanted = |kind| wanted.contains(&kind);
     let systems = || 1..=family.coordinate_systems as u8;
     let mut items = Vec::new();
