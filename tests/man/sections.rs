@@ -328,8 +328,8 @@ pub fn examples(page: &str) -> &'static [Example] {
         "pmacctl-tune" => &[
             ("A step of 200 counts, with a picture:", &["pmacctl tune step 1 --size 200 --plot step.svg"]),
             (
-                "2000 counts there and back in 1.5 s each, to judge feed forward:",
-                &["pmacctl tune parabolic 1 --size 2000 --time 1500 --yes"],
+                "2000 counts there and back, to judge feed forward:",
+                &["pmacctl tune parabolic 1 --size 2000 --yes"],
             ),
         ],
         "pmacctl-abort" => &[
@@ -340,9 +340,12 @@ pub fn examples(page: &str) -> &'static [Example] {
         "pmacctl-terminal" => &[("With more time for every line:", &["pmacctl terminal --timeout 30"])],
         "pmacctl-download" => &[
             ("What would be sent:", &["pmacctl download --dry-run program.pmc"]),
-            ("Send it:", &["pmacctl download program.pmc"]),
+            ("Send it, after CLOSE and DELETE GATHER:", &["pmacctl download --prologue program.pmc"]),
         ],
-        "pmacctl-backup" => &[("All I-variables:", &["pmacctl backup --what I -o saved.pmc"])],
+        "pmacctl-backup" => &[
+            ("All I-variables:", &["pmacctl backup --what I -o saved.pmc"]),
+            ("Does the board still hold them?", &["pmacctl backup --check saved.pmc --what I"]),
+        ],
         "pmacctl-diff" => &[("What the board has otherwise than a file:", &["pmacctl diff saved.pmc"])],
         "pmacctl-restore" => &[
             ("What would be sent:", &["pmacctl restore --dry-run saved.pmc"]),
