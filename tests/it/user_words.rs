@@ -247,11 +247,19 @@ fn a_log_has_a_column_for_each_word_as_it_was_last_read_before_the_update() {
     let table = log(&["--fields", "user.count,velocity", "--motors", "1"]);
     let names: Vec<&str> = table.fields[5..].iter().map(|field| &*field.name).collect();
     assert_eq!(names, ["1.velocity", "user.count"]);
-    // The trigger's word needs no column.
-    let far = counts.last().unwrap() + 100.0;
-    let trigger = format!("user.count>{far}");
-    let table =
-        log(&["--fields", "velocity,user.pair", "--motors", "1", "--trigger", &trigger, "--before", "0.05"]);
+    // The trigger's word needs no column. It passes 0 two seconds from now.
+    let a_second = 5.0 * (counts.last().unwrap() - counts.first().unwrap());
+    site.ask(&format!("M11={}", (-2.0 * a_second).round()));
+    let table = log(&[
+        "--fields",
+        "velocity,user.pair",
+        "--motors",
+        "1",
+        "--trigger",
+        "user.count>0",
+        "--before",
+        "0.05",
+    ]);
     let times = table.column("time_s").unwrap();
     assert!(times[0] < 0.0 && times.contains(&0.0), "{times:?}");
     let ran = site.run(&["log", "-o", "-", "--trigger", "user.pair>1"]);

@@ -75,6 +75,7 @@ const fn kind(item: Item) -> What {
         Item::P(_) => What::P,
         Item::Q { .. } => What::Q,
         Item::Definition(_) | Item::M(_) => What::M,
+        Item::OfStation { .. } => What::Stations,
         Item::Axis { .. } => What::Axes,
         Item::Kinematics { .. } => What::Kinematics,
         Item::Program(_) => What::Programs,

@@ -69,9 +69,9 @@ pub fn figure<'a>(table: &'a Table, columns: &[String], title: String) -> Result
 /// have hyphens, too.
 fn difference<'a>(table: &'a Table, text: &str) -> Result<Option<(&'a str, Vec<f64>)>, Failure> {
     let places = text.match_indices('-').map(|(place, _)| place);
-    let pair =
+    let mut pairs =
         places.filter_map(|place| Some((table.index(&text[..place])?, table.index(&text[place + 1..])?)));
-    let Some((a, b)) = pair.last() else { return Ok(None) };
+    let Some((a, b)) = pairs.next_back() else { return Ok(None) };
     let [of_a, of_b] = [a, b].map(|index| &*table.fields[index].unit);
     if of_a != of_b {
         return Err(Failure::Request(format!("{text}: a difference of [{of_a}] and [{of_b}] has no unit")));

@@ -27,7 +27,7 @@ pub struct MotorBits {
 #[derive(Debug, Args)]
 pub struct SystemBits {
     /// The coordinate system's number [default: the board itself, the words of ???]
-    #[arg(value_name = "C.S.", value_parser = number())]
+    #[arg(value_name = "C.S.", value_parser = number)]
     system: Option<u8>,
 }
 

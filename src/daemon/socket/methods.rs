@@ -203,7 +203,7 @@ const fn method(
 const OBSERVER_VALUES: u32 = 50;
 
 /// Every method, in the order of the interface's definition.
-const METHODS: [Method; 27] = {
+const METHODS: [Method; 28] = {
     use Function::{Ascii, Gather, Panel, Rotary, Variables};
     use Role::{Engineer, Observe, Operate, Stop};
     [
