@@ -54,9 +54,9 @@ impl Motor {
             2 if !flag_triggers => None,
             2 => {
                 let edges = self.inputs.places[flag].into_iter();
-                let crossed =
+                let mut crossed =
                     edges.filter(|edge| (before.min(self.shaft)..=before.max(self.shaft)).contains(edge));
-                Some(crossed.last().filter(|_| !is_on(before)).unwrap_or(self.shaft))
+                Some(crossed.next_back().filter(|_| !is_on(before)).unwrap_or(self.shaft))
             }
             asked => {
                 let pulse = if mode & 4 == 0 { index } else { Some(self.shaft) };
