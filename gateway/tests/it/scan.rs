@@ -188,7 +188,8 @@ fn a_scan_follows_its_points_and_another_follows_it_and_an_abort() {
     let is_back =
         |client: &mut Client| (0..5).all(|_| client.line("#1P#2P") == "0\r0\r\x06" && stands(client));
     for is_aborted in [false, true, false, false] {
-        assert_eq!(client.line("#1J=0#2J=0"), "\x06");
+        // The program dwells at its end.
+        wait_until("the program's end", || client.line("#1J=0#2J=0") == "\x06");
         wait_until("the motor at its place", || is_back(&mut client));
         if is_aborted {
             let mut positions = scan(&site, &mut client, 2);
