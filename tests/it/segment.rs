@@ -90,7 +90,7 @@ fn the_layout_is_the_one_that_was_published() {
     }
     let golden = [
         (0x008, 1),
-        (0x010, 4),
+        (0x010, 5),
         (0x018, 0x500),
         (0x028, file.len() as u64),
         (0x030, 0x0102_0304_0506_0708),

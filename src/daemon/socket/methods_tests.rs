@@ -130,7 +130,7 @@ fn a_method_of_a_function_that_is_switched_off_says_so() {
     };
     let methods = BOARD_DESCRIPTION.lines().filter_map(|line| line.strip_prefix("method "));
     let methods: Vec<_> = methods.filter_map(|line| line.split('(').next()).collect();
-    assert_eq!(methods.len(), 27, "{methods:?}");
+    assert_eq!(methods.len(), 28, "{methods:?}");
     for method in methods {
         let call = json!({"method": format!("{BOARD}.{method}"), "parameters": {}});
         let call: Call = serde_json::from_value(call).unwrap();

@@ -89,7 +89,7 @@ impl Board {
                 0x3440..=0x347F => [912, 913].map(station),
                 0x7_8000..=0x7_BFFF => {
                     let channel = if capture.is_edge { address % 16 / 4 } else { address % 32 / 8 };
-                    let first = if address & 0x200 == 0 { 0 } else { 2 + (address >> 12 & 3) * 2 };
+                    let first = if address >> 9 & 1 == 0 { 0 } else { 2 + (address >> 12 & 3) * 2 };
                     let number = 7012 + 100 * (first + (address >> 8 & 1)) + 10 * channel;
                     [number, number + 1].map(own)
                 }
