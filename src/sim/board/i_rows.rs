@@ -247,7 +247,7 @@ pub const COORDINATE: &[Row] = &[
     coordinate(94, "time base slew rate", POSITIVE, 1644.0),
     coordinate(95, "feed hold slew rate", POSITIVE, 1644.0),
     coordinate(96, "circle error limit", FLOAT, 0.0),
-    coordinate(98, "maximum feedrate", FLOAT, 1000.0),
+    coordinate(98, "maximum feedrate", FLOAT, 0.0),
 ];
 
 /// PMAC(1)'s additional rows: the servo clock comes from jumpers.
