@@ -101,6 +101,72 @@ fn the_end_does_not_wait_for_a_holder_who_says_nothing() {
     assert_eq!(stops(&bench), 1);
 }
 
+/// A client on whose bench the board is slow to tell the address, and who has asked for the search of `motor`'s home.
+fn homes_slowly(bench: &Bench, motor: u8) -> Raw {
+    let mut client = Raw::new(bench);
+    client.call("Send", json!({"line": "SLOW"}));
+    client.receive().unwrap();
+    client.call("Panel", json!({"action": "home", "numbers": [motor], "by_line": true}));
+    bench.wait_seen("#");
+    client
+}
+
+fn asks(bench: &Bench) -> usize {
+    bench.seen().iter().filter(|line| *line == "#").count()
+}
+
+#[test]
+fn no_order_begins_behind_a_stop_that_came_while_the_board_told_the_address() {
+    for stop in ["#3K", "&1A", "&1H"] {
+        let bench = Bench::new();
+        let mut client = homes_slowly(&bench, 1);
+        let mut other = Raw::new(&bench);
+        other.call("Send", json!({"line": stop}));
+        assert_eq!(other.receive().unwrap().get("error"), None);
+        other.call("SendControl", json!({"character": "^G"}));
+        other.receive().unwrap();
+        let told = client.receive().unwrap();
+        let reason = told["parameters"]["reason"].as_str().unwrap_or_default();
+        assert!(
+            error_name(&told) == "Refused" && reason.contains("has stopped a motion meanwhile"),
+            "{told}"
+        );
+        assert!(!bench.seen().iter().any(|line| line.contains("HM")), "{stop}: {:?}", bench.seen());
+    }
+}
+
+#[test]
+fn an_order_asks_again_if_another_line_has_changed_the_address() {
+    let bench = Bench::new();
+    let mut client = homes_slowly(&bench, 1);
+    let mut other = Raw::new(&bench);
+    for line in ["#3P", "P1"] {
+        other.call("Send", json!({ "line": line }));
+        other.receive().unwrap();
+    }
+    for asked in [2, 2] {
+        other.call("SendControl", json!({"character": "^G"}));
+        other.receive().unwrap();
+        wait_until("the question", || asks(&bench) == asked);
+    }
+    assert_eq!(client.receive(), Some(json!({"parameters": {}})));
+    assert_eq!(bench.seen().last().unwrap(), "#1HM#5");
+    assert_eq!(asks(&bench), 2);
+}
+
+#[test]
+fn a_refused_order_leaves_the_address_as_it_was() {
+    let bench = Bench::new();
+    let mut client = homes_slowly(&bench, 2);
+    let mut other = Raw::new(&bench);
+    other.call("SendControl", json!({"character": "^G"}));
+    other.receive().unwrap();
+    assert_eq!(error_name(&client.receive().unwrap()), "BoardError");
+    assert_eq!(bench.seen().last().unwrap(), "#5");
+    client.call("Panel", json!({"action": "home", "numbers": [1, 3], "by_line": true}));
+    assert_eq!(error_name(&client.receive().unwrap()), "InvalidParameter", "one at a time");
+}
+
 #[test]
 fn words_to_write_are_checked_before_they_reach_the_bus_thread() {
     let bench = Bench::new();

@@ -220,6 +220,11 @@ impl FakeBus {
                         );
                         self.done(ticket, Outcome::Done);
                     }
+                    // After the line SLOW, the address is told when RELEASE comes.
+                    "#" if self.seen.lock().unwrap().contains(&"SLOW".to_owned()) => {
+                        self.held.push((ticket, "5".to_owned()));
+                    }
+                    "#2HM#5" => self.done(ticket, Outcome::Error(3)),
                     "J+" => self.done(ticket, Outcome::Done),
                     "BAD" => {
                         self.line(ticket, "before");

@@ -210,10 +210,20 @@ pub fn press(context: &mut Context, press: Press, numbers: &[u8], wait: Wait) ->
         if let Some(Ok(watch)) = start.as_mut().filter(|_| by_line && !resumes) {
             watch.check_systems(numbers).map_err(|failure| failure.at("not sent"))?;
         }
-        if by_line {
-            connection.panel_or_line(action.name(), numbers)?;
-        } else {
+        if !by_line {
             connection.panel(action.name(), numbers)?;
+            return Ok((connection, watch, start));
+        }
+        for (index, &number) in numbers.iter().enumerate() {
+            connection.panel_or_line(action.name(), number).map_err(|error| {
+                let error = Failure::from(error);
+                let taken = numbers[..index].iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
+                if taken.is_empty() {
+                    error
+                } else {
+                    error.at(format_args!("{number}, after {taken} was taken"))
+                }
+            })?;
         }
         Ok((connection, watch, start))
     };

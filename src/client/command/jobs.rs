@@ -41,13 +41,13 @@ impl Connection {
         self.job("Panel", &self.panel_call(action, numbers))
     }
 
-    /// As [`Connection::panel`], but has motors home and coordinate systems start and step by command line where the
+    /// As [`Connection::panel`], but has a motor home and a coordinate system start or step by command line where the
     /// daemon sends lines: the board needs no panel then.
     ///
     /// # Errors
     /// As [`Connection::jog_to`].
-    pub fn panel_or_line(&mut self, action: &str, numbers: &[u8]) -> Result<(), CommandError> {
-        self.job("Panel", &calls::Panel { by_line: Some(true), ..self.panel_call(action, numbers) })
+    pub fn panel_or_line(&mut self, action: &str, number: u8) -> Result<(), CommandError> {
+        self.job("Panel", &calls::Panel { by_line: Some(true), ..self.panel_call(action, &[number]) })
     }
 
     /// Begins a jog (`jog-` or `jog+`) that goes on only while [`Connection::panel_renew`] follows at least every 200

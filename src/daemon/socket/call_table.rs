@@ -10,10 +10,18 @@ use super::heard::{COLLECT_MAX, Heard};
 use crate::daemon::motion::effect::{CommandEffect, LineEffect};
 pub(super) use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::job::Job;
-use crate::daemon::shared::queue::{Command, GivenUp, Outcome, REASON_MAX, Sender, Text, Ticket, at_once};
+use crate::daemon::shared::queue::{
+    Command, GivenUp, Line, Outcome, REASON_MAX, Sender, Text, Ticket, at_once,
+};
 use crate::function::line_port::ResponseText;
 use crate::map::Motors;
 use crate::protocol::control;
+
+/// Whether `line` addresses a motor or a coordinate system.
+fn addresses(line: &Line) -> bool {
+    let named = |pair: &[u8]| matches!(pair[0], b'#' | b'&') && (pair[1].is_ascii_digit() || pair[1] == b' ');
+    line.as_bytes().windows(2).any(named)
+}
 
 /// How much longer than a call's deadline the server waits for the bus thread: more than a port takes to be silent
 /// again after it gave up on a line (1 s), less than a client waits for the daemon (2 s).
@@ -43,7 +51,7 @@ struct Pending {
     lines: Vec<String>,
     length: usize,
     then: Then,
-    /// Why nothing may begin after this question: a client has stopped all motion.
+    /// Why nothing may begin after this question: a client has stopped a motion.
     dropped: Option<Text<REASON_MAX>>,
     /// The command's effect.
     effect: CommandEffect,
@@ -191,11 +199,13 @@ impl CallTable {
             let Turn { ticket, mut command, audit } = turn;
             let stops_all =
                 matches!(command, Command::Control { character, .. } if control::stops(character));
+            self.see_address(ticket, &command);
             let pending = self.pending.get_mut(&ticket).filter(|pending| {
                 let Caller { client, oneway, .. } = pending.caller;
                 // A stop goes out even if no client waits for its answer.
                 let is_stop = stops_all || matches!(pending.then, Then::Stop(_));
-                (oneway || is_stop || hears(client)) && now < pending.deadline
+                let may_go = pending.dropped.is_none() || pending.part() != CommandPart::Deed;
+                may_go && (oneway || is_stop || hears(client)) && now < pending.deadline
             });
             if let (Some(pending), Command::Send { deadline, .. }) = (&pending, &mut command)
                 && pending.part().is_own_question()
@@ -265,6 +275,33 @@ impl CallTable {
         let dropped =
             waiting.into_iter().filter(|ticket| self.queue.take_back(*ticket).is_some()).collect::<Vec<_>>();
         dropped.into_iter().filter_map(|ticket| self.end(ticket, Outcome::Dropped(reason))).collect()
+    }
+
+    /// A client stops a motion: refuses for this `reason` the starts that still ask the board something, or whose line
+    /// the bus thread has not got. Behind the stop they would start what the stop should have stopped.
+    pub(super) fn drop_starts(&mut self, reason: Text<REASON_MAX>) {
+        for pending in self.pending.values_mut() {
+            if let Then::Call(step) = &pending.then
+                && step.starts(pending.is_handed)
+            {
+                pending.dropped = Some(reason);
+            }
+        }
+    }
+
+    /// The bus thread gets `command`: if it changes the address, the answers to questions of orders are old.
+    fn see_address(&mut self, ticket: Ticket, command: &Command) {
+        let Command::Send { line, .. } = command else { return };
+        let of = self.pending.get(&ticket).map(|pending| &pending.then);
+        // The lines of orders and stops put the address back.
+        if !addresses(line) || !matches!(of, Some(Then::Call(CallStep::Reply(_)) | Then::Sequence(..))) {
+            return;
+        }
+        for pending in self.pending.values_mut().filter(|pending| pending.is_handed) {
+            if let Then::Call(CallStep::Order { is_old, .. }) = &mut pending.then {
+                *is_old = true;
+            }
+        }
     }
 
     /// Whether `client` waits for a call of which the bus thread has got nothing.

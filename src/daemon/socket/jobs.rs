@@ -261,8 +261,14 @@ fn panel_action(call: &calls::Panel, family: &Family) -> Result<PanelAction, Cal
 /// The order for a panel request that the caller wants `by_line`, if it is one for which a line stands.
 pub(super) fn order(call: &calls::Panel, family: &Family) -> Result<Option<Order>, CallError> {
     let action = panel_action(call, family)?;
-    let confirmed = call.confirmed == Some(true);
-    Ok(Order::of_panel(action, &call.numbers, confirmed).filter(|_| call.by_line == Some(true)))
+    if call.by_line != Some(true) {
+        return Ok(None);
+    }
+    let order = Order::of_panel(action, call.numbers[0], call.confirmed == Some(true));
+    if order.is_some() && call.numbers.len() > 1 {
+        return Err(CallError::invalid("numbers", "one at a time by line"));
+    }
+    Ok(order)
 }
 
 /// The target that `action` stops for these `numbers`.

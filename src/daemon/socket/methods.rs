@@ -148,6 +148,11 @@ impl Action {
         }
     }
 
+    /// Whether the action stops a motion or a program.
+    pub(super) fn ends_motion(&self) -> bool {
+        self.stops() || matches!(self, Self::Ask(Ask::Send { line, .. }) if line.meaning.stops)
+    }
+
     /// Whether the action begins something: moves a machine, or changes the board's memory. Questions, stops and
     /// continuations begin nothing.
     pub(super) fn begins(&self) -> bool {

@@ -18,15 +18,20 @@ use crate::protocol::{CallError, calls};
 /// The limit of PMAC's software limits: 2^35 counts (Software Reference p. 72).
 const FARTHEST: f64 = 34_359_738_368.0;
 
-/// A client's request.
+/// The most bytes of an address: `&16`.
+pub(super) const ADDRESS_MAX: usize = 8;
+
+/// A client's request, for one motor or one coordinate system: of a line with more commands nobody knows which of them a
+/// board has refused.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Order {
     /// Jog a motor to a position, in counts.
     JogTo(usize, f64),
-    /// Search for the home of these motors.
-    Home(Motors),
-    /// Run programs, or one step of them, by this on-line command.
-    Run(Starts, char),
+    /// Search for the home of a motor.
+    Home(usize),
+    /// Run the program of a coordinate system, or one step of it, by this on-line command. `confirmed`: lines that a
+    /// rotary stream left run, too.
+    Run { system: usize, confirmed: bool, letter: char },
     /// Tell a motor that it stands at this position, in counts.
     SetPosition(usize, f64),
 }
@@ -51,17 +56,12 @@ impl Order {
     }
 
     /// The order for `action` of the control panel, if a line can stand for it and the daemon has no other way to do it
-    /// by line. The `numbers` are known to exist.
-    pub(super) fn of_panel(action: PanelAction, numbers: &[usize], confirmed: bool) -> Option<Self> {
-        let numbers = numbers.iter().copied();
-        let run = |letter| {
-            let systems = numbers.clone().collect::<Systems>();
-            Some(Self::Run(Starts { systems, confirmed }, letter))
-        };
+    /// by line. The `number` is known to exist.
+    pub(super) const fn of_panel(action: PanelAction, number: usize, confirmed: bool) -> Option<Self> {
         match action {
-            PanelAction::Home => Some(Self::Home(numbers.collect())),
-            PanelAction::Start => run('R'),
-            PanelAction::Step => run('S'),
+            PanelAction::Home => Some(Self::Home(number)),
+            PanelAction::Start => Some(Self::Run { system: number, confirmed, letter: 'R' }),
+            PanelAction::Step => Some(Self::Run { system: number, confirmed, letter: 'S' }),
             _ => None,
         }
     }
@@ -74,15 +74,17 @@ impl Order {
     /// The motors that move, or whose position changes.
     pub(super) fn motors(self) -> Motors {
         match self {
-            Self::JogTo(motor, _) | Self::SetPosition(motor, _) => Motors::of(motor),
-            Self::Home(motors) => motors,
-            Self::Run(..) => Motors::NONE,
+            Self::JogTo(motor, _) | Self::SetPosition(motor, _) | Self::Home(motor) => Motors::of(motor),
+            Self::Run { .. } => Motors::NONE,
         }
     }
 
     /// The programs that start.
     pub(super) fn starts(self) -> Starts {
-        if let Self::Run(starts, _) = self { starts } else { Starts::default() }
+        match self {
+            Self::Run { system, confirmed, .. } => Starts { systems: Systems::of(system), confirmed },
+            _ => Starts::default(),
+        }
     }
 
     /// The question to the board before the line: which motor or coordinate system it addresses, and where the
@@ -90,18 +92,23 @@ impl Order {
     pub(super) fn question(self) -> String {
         match self {
             Self::JogTo(..) | Self::Home(_) => "#".to_owned(),
-            Self::Run(..) => "&".to_owned(),
+            Self::Run { .. } => "&".to_owned(),
             Self::SetPosition(motor, _) => format!("#M{motor}62->"),
         }
     }
 
-    /// The line for the board, after its `answers` to [`Self::question`].
+    /// The line for the board, after its `answers` to [`Self::question`], and the address that the line puts back.
     ///
     /// # Errors
     /// Why the daemon sends no line.
-    pub(super) fn line(self, answers: &[String], info: &Info) -> Result<Text<LINE_MAX>, CallError> {
+    pub(super) fn line(
+        self,
+        answers: &[String],
+        info: &Info,
+    ) -> Result<(Text<LINE_MAX>, Text<ADDRESS_MAX>), CallError> {
         let addressed: Option<u32> = answers.first().and_then(|line| line.trim().parse().ok());
-        let (what, sign) = if let Self::Run(..) = self { ("coordinate system", '&') } else { ("motor", '#') };
+        let (what, sign) =
+            if let Self::Run { .. } = self { ("coordinate system", '&') } else { ("motor", '#') };
         let addressed = addressed.ok_or_else(|| {
             CallError::refused(format_args!(
                 "the board does not say which {what} is addressed; nothing was sent"
@@ -109,13 +116,12 @@ impl Order {
         })?;
         let line: String = match self {
             Self::JogTo(motor, position) => format!("#{motor}J={}", constant(position)),
-            Self::Home(motors) => motors.numbers().map(|motor| format!("#{motor}HM")).collect(),
-            Self::Run(Starts { systems, .. }, letter) => {
-                systems.numbers().map(|system| format!("&{system}{letter}")).collect()
-            }
+            Self::Home(motor) => format!("#{motor}HM"),
+            Self::Run { system, letter, .. } => format!("&{system}{letter}"),
             Self::SetPosition(motor, position) => sets_position(motor, position, answers.get(1), info)?,
         };
-        Ok(Text::of(&format_args!("{line}{sign}{addressed}")))
+        let back = Text::of(&format_args!("{sign}{addressed}"));
+        Ok((Text::of(&format_args!("{line}{back}")), back))
     }
 }
 
@@ -201,7 +207,9 @@ mod tests {
 
     fn line(order: Order, texts: &[&str], family: &'static Family) -> Result<String, String> {
         let line = order.line(&answers(texts), &info(family));
-        line.map(|line| line.to_string()).map_err(|error| error.to_string())
+        let line = line.map_err(|error| error.to_string())?;
+        assert!(line.0.ends_with(&*line.1), "{line:?}");
+        Ok(line.0.to_string())
     }
 
     #[test]
@@ -244,18 +252,18 @@ mod tests {
 
     #[test]
     fn the_keys_of_a_panel_have_lines_that_put_the_address_back() {
-        let of = |action, numbers: &[usize]| Order::of_panel(action, numbers, false);
-        let home = of(PanelAction::Home, &[1, 12]).unwrap();
-        assert_eq!(line(home, &["5"], &TURBO2).unwrap(), "#1HM#12HM#5");
-        for (action, text) in [(PanelAction::Start, "&1R&3R&2"), (PanelAction::Step, "&1S&3S&2")] {
-            let run = of(action, &[1, 3]).unwrap();
-            assert_eq!((&*run.question(), run.starts().systems.bits()), ("&", 0b101));
+        let of = |action, number| Order::of_panel(action, number, false);
+        let home = of(PanelAction::Home, 12).unwrap();
+        assert_eq!(line(home, &["5"], &TURBO2).unwrap(), "#12HM#5");
+        for (action, text) in [(PanelAction::Start, "&3R&2"), (PanelAction::Step, "&3S&2")] {
+            let run = of(action, 3).unwrap();
+            assert_eq!((&*run.question(), run.starts().systems.bits()), ("&", 0b100));
             assert_eq!(line(run, &["2"], &PMAC).unwrap(), text);
             let unsaid = line(run, &["x"], &PMAC).unwrap_err();
             assert!(unsaid.contains("which coordinate system is addressed"), "{unsaid}");
         }
         let stops = [PanelAction::JogStop, PanelAction::Stop, PanelAction::Hold];
-        assert!(stops.into_iter().all(|action| of(action, &[1]).is_none()), "stops have a way of their own");
+        assert!(stops.into_iter().all(|action| of(action, 1).is_none()), "stops have a way of their own");
     }
 
     #[test]

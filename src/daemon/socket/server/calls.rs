@@ -11,7 +11,7 @@ use crate::daemon::motion::resets;
 use crate::daemon::scripts::{Found, Resource};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
-use crate::daemon::shared::queue::{Command, Line, Origin, Outcome, Ticket};
+use crate::daemon::shared::queue::{Command, Line, Origin, Outcome, Text, Ticket};
 use crate::daemon::socket::audit;
 use crate::daemon::socket::call_step::{CallStep, CommandPart};
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
@@ -53,6 +53,12 @@ impl Service {
                 _ => Ok(action),
             }
         });
+        if action.as_ref().is_ok_and(Action::ends_motion) {
+            self.calls.drop_starts(Text::of(&format_args!(
+                "not sent: uid {} has stopped a motion meanwhile; give the command again",
+                caller.peer.uid
+            )));
+        }
         let reply = match action.and_then(|action| self.act(caller, action, now)) {
             Ok(None) => return,
             Ok(Some(reply)) => self.clients.served(id, reply),
@@ -309,8 +315,9 @@ impl Service {
         let reply = match step {
             CallStep::Reply(effect) => self.reply_to_line(effect, heard, now).map(Some),
             CallStep::Job(call) => self.job_step(call, heard, now),
-            CallStep::Order(order) => self.order_step(order, heard, now),
-            CallStep::Ordered(effect) => self.reply_to_line(effect, heard, now).map(|_| Some(Reply::done())),
+            CallStep::Order { order, is_old } => self.order_step(order, is_old, heard, now),
+            CallStep::Ordered { effect, back } => self.ordered(effect, &back, heard, now),
+            CallStep::PutBack(error) => Err(*error),
             CallStep::Start(start) => self.start_step(start, heard, now),
             CallStep::Watch(entries) => self.watch_step(entries, heard, now),
             CallStep::Resets(asked) => heard.lines(now).and_then(|lines| {

@@ -46,6 +46,11 @@ impl Service {
                 ))),
             };
         }
+        if let (Order::Home(motor), Some(open)) = (order, &self.info.board().open_buffer) {
+            return Err(CallError::refused(format_args!(
+                "{open}, and no manual says whether a board stores #{motor}HM there; nothing was sent"
+            )));
+        }
         let open = motors.among(self.info.loops_left_open());
         match open.numbers().next() {
             None => Ok(()),
