@@ -30,16 +30,22 @@ pub fn run(context: &mut Context, options: &Explain) -> Result<Verdict, Failure>
             None => FAMILIES.to_vec(),
         },
     };
-    let mut told = Vec::new();
+    let (mut told, mut unknown) = (Vec::new(), None);
     for name in &options.names {
-        told.extend(explained(name, &families)?);
+        match explained(name, &families) {
+            Ok(meanings) => told.extend(meanings),
+            Err(failure) => unknown = unknown.or(Some(failure)),
+        }
+    }
+    if let Some(failure) = unknown.take_if(|_| told.is_empty()) {
+        return Err(failure);
     }
     let document: Vec<Value> = told.iter().map(|(families, meaning)| meaning.document(families)).collect();
     context.output.show(&document, || {
         let texts = told.iter().map(|(of, meaning)| meaning.text(of, families.len()));
         texts.collect::<Vec<_>>().join("\n")
     })?;
-    Ok(Verdict::Yes)
+    unknown.map_or(Ok(Verdict::Yes), Err)
 }
 
 /// The meanings of a name, each with the families that have it.

@@ -7,7 +7,8 @@ use clap::Args;
 
 use crate::cli::act::jog::motors;
 use crate::cli::act::panel::{Press, Programs, Systems, press};
-use crate::cli::act::wait::Wait;
+use crate::cli::act::wait::{Wait, without_program};
+use crate::cli::console::note;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::function::panel::PanelAction;
 
@@ -45,5 +46,12 @@ pub fn step(context: &mut Context, options: &Systems) -> Result<Verdict, Failure
 }
 
 pub fn hold(context: &mut Context, options: &Systems) -> Result<Verdict, Failure> {
-    press(context, Press::of(PanelAction::Hold), &options.numbers, Wait::default())
+    let verdict = press(context, Press::of(PanelAction::Hold), &options.numbers, Wait::default())?;
+    let idle = context.board()?.snapshot().map(|snapshot| without_program(&snapshot, &options.numbers));
+    for system in idle.unwrap_or_default() {
+        note(format_args!(
+            "pmacctl: &{system} runs no program and is held; until abort {system} its motors make no jog and no home search"
+        ));
+    }
+    Ok(verdict)
 }

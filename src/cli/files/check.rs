@@ -3,10 +3,13 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use clap::ValueEnum;
+
 use super::differences::{differences, document, entries, held_of};
 use super::saved::{What, is_there, name, others};
 use super::settings_file::{Entry, Item};
 use crate::cli::console::input::shown;
+use crate::cli::console::note;
 use crate::cli::context::{Context, Failure, Verdict};
 
 /// The most differences in the list of a check.
@@ -61,6 +64,14 @@ fn compare(
             (Some(one), Some(other)) => format!("{name}: {one} in {shown}, {other} on the board"),
         };
         context.output.line(line)?;
+    }
+    let kinds: BTreeSet<What> = named.iter().map(|item| kind(*item)).collect();
+    let missing = differences.keys().map(|item| kind(*item)).filter(|kind| !kinds.contains(kind));
+    let missing: BTreeSet<What> = missing.collect();
+    if !missing.is_empty() {
+        let names = missing.iter().filter_map(|kind| Some(kind.to_possible_value()?.get_name().to_owned()));
+        let without = names.collect::<Vec<_>>().join(", ");
+        note(format_args!("{shown} has no {without}; --what leaves kinds out of the comparison"));
     }
     if let Some(more) = differences.len().checked_sub(LISTED).filter(|more| *more > 0) {
         context.output.line(format_args!("and {more} more: --json has them all"))?;

@@ -213,7 +213,9 @@ fn tune(context: &mut Context, wanted: &WantedMove) -> Result<Verdict, Failure> 
     let is_seen = record.failure.is_none() && !record.interrupted && has_stopped;
     let is_whole =
         |response: &Response| is_seen && (response.size - size).abs() <= END_WITHIN + 0.01 * size.abs();
-    let response = record.recording.response(wanted.settles()).filter(is_whole);
+    let moved = record.recording.response(wanted.settles());
+    let part = moved.as_ref().map(|response| response.size);
+    let response = moved.filter(is_whole);
     tuning.print(context, &record, response.as_ref(), &failed)?;
     if let Some(path) = &common.output {
         write(path, &record, &stop)?;
@@ -227,7 +229,14 @@ fn tune(context: &mut Context, wanted: &WantedMove) -> Result<Verdict, Failure> 
         failed.insert(0, format!("interrupted{was}"));
     }
     if failed.is_empty() && response.is_none() {
-        failed.push("the commanded position did not move".to_owned());
+        failed.push(match part {
+            None => "the commanded position did not move".to_owned(),
+            Some(part) => format!(
+                "the recording has {} counts of the move's {}: a feed rate override stretches the move",
+                fixed(part, 1),
+                short(size)
+            ),
+        });
     }
     Verdict::without(&failed)
 }

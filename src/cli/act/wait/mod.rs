@@ -26,7 +26,7 @@ use crate::segment::Counter;
 use crate::segment::identity::MOTORS;
 
 pub use motors::{Goal, motors_end, place_of, see_position, wait_for_motors};
-pub use systems::{see_programs_begin, wait_for_programs};
+pub use systems::{see_programs_begin, wait_for_programs, without_program};
 
 /// The longest sleep until the next look.
 const SAMPLE_WITHIN: Duration = Duration::from_millis(20);

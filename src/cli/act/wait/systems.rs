@@ -209,6 +209,13 @@ fn system(snapshot: &Snapshot, number: u8) -> Option<&CoordinateSystem> {
     background.data.coordinate_systems.iter().find(|system| system.coordinate_system == usize::from(number))
 }
 
+/// Those of `numbers` whose coordinate systems run no program, as far as the board reports.
+pub fn without_program(snapshot: &Snapshot, numbers: &[u8]) -> Vec<u8> {
+    let is_idle =
+        |number: &u8| system(snapshot, *number).is_some_and(|system| running(system) == Some(false));
+    numbers.iter().copied().filter(is_idle).collect()
+}
+
 fn running(system: &CoordinateSystem) -> Option<bool> {
     Some(system.status?.has("running_program"))
 }
