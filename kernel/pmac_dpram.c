@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-2.0
 /*
- * UIO device for the dual-ported RAM of a PMAC motion controller on an ISA or VME bus: a window of physical memory and
- * one interrupt, as /dev/uioN named "pmac-dpram". PCI boards do not need this module: uio_pci_generic serves them.
+ * UIO device for the dual-ported RAM of a PMAC motion controller on an ISA bus: a window of physical memory and one
+ * interrupt, as /dev/uioN named "pmac-dpram". PCI boards do not need this module: uio_pci_generic serves them. It gives
+ * a VME board no interrupt: nobody acknowledges it on the bus, and the bridge's driver keeps the bridge's line.
  *
  *   modprobe pmac_dpram phys=0xd4000 irq=7
  *   modprobe pmac_dpram phys=0xd4000,0xd8000 irq=7,5 ioport=0x210,0x220 controller=pmac,pmac2
@@ -20,7 +21,7 @@
  * Lockdown: a kernel that is locked down (Secure Boot) refuses "phys", "irq" and "ioport". A board that the firmware
  * describes needs none of them.
  *
- * Interrupt: an edge (ISA) is only counted. A level (VME bridges, some ISA machines) is masked here until user space
+ * Interrupt: an edge (ISA) is only counted. A level (some ISA machines) is masked here until user space
  * has served the board and writes 1 to the device, because only the board can release the line. For both kinds, writing
  * 0 masks and writing 1 unmasks.
  *
@@ -413,4 +414,4 @@ module_init(pmac_init);
 module_exit(pmac_exit);
 MODULE_LICENSE("GPL");
 MODULE_VERSION(PMAC_VERSION);
-MODULE_DESCRIPTION("UIO window and interrupt of a PMAC's dual-ported RAM on an ISA or VME bus");
+MODULE_DESCRIPTION("UIO window and interrupt of a PMAC's dual-ported RAM on an ISA bus");
