@@ -313,7 +313,7 @@ fn as_root_streams_of_two_users_go_at_once_and_a_refusal_names_a_user_whose_stre
 #[test]
 fn none_of_sixteen_streams_at_nine_kilohertz_starves() {
     const LINES: u32 = 20;
-    const BATCHES: usize = 10;
+    const BATCHES: usize = 4;
     let site =
         VirtualSite::configured(&["--family", "turbo2", "--servo-hz", "9000"], "family = \"turbo2\"\n");
     site.wait_until("a board that takes commands", || site.pmacctl(&["send", "#1J/"]).0 == 0);

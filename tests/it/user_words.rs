@@ -247,9 +247,9 @@ fn a_log_has_a_column_for_each_word_as_it_was_last_read_before_the_update() {
     let table = log(&["--fields", "user.count,velocity", "--motors", "1"]);
     let names: Vec<&str> = table.fields[5..].iter().map(|field| &*field.name).collect();
     assert_eq!(names, ["1.velocity", "user.count"]);
-    // The trigger's word needs no column. It passes 0 two seconds from now.
+    // The trigger's word needs no column. It passes 0 half a second from now.
     let a_second = 5.0 * (counts.last().unwrap() - counts.first().unwrap());
-    site.ask(&format!("M11={}", (-2.0 * a_second).round()));
+    site.ask(&format!("M11={}", (-0.5 * a_second).round()));
     let table = log(&[
         "--fields",
         "velocity,user.pair",
