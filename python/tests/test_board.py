@@ -414,7 +414,7 @@ def test_a_jog_by_command_line_that_somebody_else_ends_sends_no_stop(new_site):
     site = new_site(**WITHOUT_PANEL[0])
     board = site.connect()
     board.command("#1J/")
-    with pytest.raises(pmac_dpram.PmacError, match="no stop was sent"):
+    with pytest.raises(pmac_dpram.PmacError, match="that motor gets no stop"):
         with board.jog(1, "+") as jog:
             site.until(lambda: has_passed(board, 1, 50), "the motor to move")
             board.command("#1K")
