@@ -75,13 +75,13 @@ impl Client {
                 let lines = json!([{ "words": words(number) }]);
                 let send =
                     json!({"buffer": place.buffer, "lines": lines, "first": number, "timeout_ms": 60_000});
-                raw.call("RotarySend", send);
+                raw.try_call("RotarySend", send)?;
                 if !raw.receive()?["error"].is_null() || ends.load(Ordering::Relaxed) {
                     break;
                 }
                 count.store(number + 1, Ordering::Relaxed);
             }
-            raw.call("RotaryStop", json!({"buffer": place.buffer}));
+            raw.try_call("RotaryStop", json!({"buffer": place.buffer}))?;
             serde_json::from_value(raw.receive()?["parameters"].clone()).ok()
         });
         site.wait_until("a program that runs", || site.log().matches(&run).count() > runs);

@@ -231,7 +231,7 @@ fn a_log_has_a_column_for_each_word_as_it_was_last_read_before_the_update() {
         site.ask(line);
     }
     let log = |options: &[&str]| {
-        let ran = site.run_slowly(&[&["log", "-o", "-", "--seconds", "0.2"], options].concat());
+        let ran = site.run_slowly(&[&["log", "-o", "-", "--seconds", "0.1"], options].concat());
         assert!(ran.stderr.contains(" lost=0 "), "{ran:?}");
         Table::parse(ran.stdout.as_bytes()).unwrap()
     };
@@ -248,7 +248,7 @@ fn a_log_has_a_column_for_each_word_as_it_was_last_read_before_the_update() {
     let names: Vec<&str> = table.fields[5..].iter().map(|field| &*field.name).collect();
     assert_eq!(names, ["1.velocity", "user.count"]);
     // The trigger's word needs no column. It passes 0 half a second from now.
-    let a_second = 5.0 * (counts.last().unwrap() - counts.first().unwrap());
+    let a_second = 10.0 * (counts.last().unwrap() - counts.first().unwrap());
     site.ask(&format!("M11={}", (-0.5 * a_second).round()));
     let table = log(&[
         "--fields",

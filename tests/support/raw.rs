@@ -45,6 +45,11 @@ impl Raw {
         self.send(&call(method, parameters));
     }
 
+    /// As [`Raw::call`]; `None` when the server has closed the connection.
+    pub fn try_call(&mut self, method: &str, parameters: Value) -> Option<()> {
+        self.stream.write_all(&call(method, parameters)).ok()
+    }
+
     /// The next reply, or `None` when the server has closed the connection.
     pub fn receive(&mut self) -> Option<Value> {
         loop {
