@@ -375,7 +375,7 @@ fn pages_stay_as_short_as_they_are() {
         ("CHANGELOG.md", 380),
         ("CONTRIBUTING.md", 900),
         ("docs/guide.md", 4535),
-        ("docs/operations.md", 3135),
+        ("docs/operations.md", 3140),
         ("docs/first-board.md", 2600),
         ("docs/moving.md", 700),
         ("docs/web.md", 450),
