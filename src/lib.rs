@@ -25,7 +25,7 @@
 //!
 //! | layer | modules |
 //! |---|---|
-//! | 0 | [`mod@format`]: numbers and text as DPRAM holds them · [`clock`]: the time, real or a test's · [`usage`]: how programs refuse a command line · [`process`]: their end with their parent, their log, paths through a descriptor |
+//! | 0 | [`mod@format`]: numbers and text as DPRAM holds them · [`clock`]: the time, real or a test's · [`usage`]: how programs refuse a command line · [`process`]: their end with their parent or by a panic, their log, paths through a descriptor |
 //! | 1 | [`map`]: the place of every word · [`language`]: the meaning of a command line · [`decode`]: words to named values · [`setup`]: calculators of the lines that set up a board · [`rotary`]: motion programs as binary commands · [`table`]: tables of numbers in files · [`gather`]: the sources and samples of a gather · [`protocol`]: the command socket's messages · [`recording`]: captures of boards |
 //! | 2 | [`device`]: the bus, its kinds and decorators, the interrupt |
 //! | 3 | [`function`]: the host's half of each automatic function |

@@ -27,6 +27,16 @@ pub fn path_of(descriptor: BorrowedFd<'_>) -> PathBuf {
     Path::new(DESCRIPTORS).join(descriptor.as_raw_fd().to_string())
 }
 
+/// Has a panic of any thread end the process, once its message is out: no program goes on without one of its threads. (The
+/// C libraries of this workspace catch a panic, so the compiler is not told that none unwinds.)
+pub fn abort_on_panic() {
+    let report = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        report(panic);
+        std::process::abort();
+    }));
+}
+
 /// Makes a write beyond the file size limit of this process (`ulimit -f`, `LimitFSIZE=`) an error of the write. By
 /// default the kernel kills the process silently.
 ///

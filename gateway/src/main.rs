@@ -9,6 +9,7 @@ use std::thread;
 use clap::Parser;
 use log::{info, warn};
 use pmac_dpram::client::CommandError;
+use pmac_dpram::process::abort_on_panic;
 use pmac_dpram::usage::usage;
 use pmac_gateway::options::Options;
 use pmac_gateway::session::Rules;
@@ -17,6 +18,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 
 fn main() -> ExitCode {
+    abort_on_panic();
     let options = match Options::try_parse() {
         Ok(options) => options,
         Err(error) => return usage("pmac-gateway", &error),

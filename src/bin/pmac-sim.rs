@@ -4,12 +4,13 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use pmac_dpram::format::Visible;
-use pmac_dpram::process::{capabilities, survive_file_size_limit};
+use pmac_dpram::process::{abort_on_panic, capabilities, survive_file_size_limit};
 use pmac_dpram::sim::process::Simulator;
 use pmac_dpram::sim::process::options::Options;
 use pmac_dpram::usage::usage;
 
 fn main() -> ExitCode {
+    abort_on_panic();
     // Without this the kernel kills the program silently when a file outgrows its limit.
     let _ = survive_file_size_limit();
     let options = match Options::try_parse() {

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use log::{LevelFilter, info, warn};
+use pmac_dpram::process::abort_on_panic;
 use pmac_dpram::usage::usage;
 use pmac_web::feed::Feed;
 use pmac_web::options::Options;
@@ -13,6 +14,7 @@ use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
 
 fn main() -> ExitCode {
+    abort_on_panic();
     let options = match Options::try_parse() {
         Ok(options) => options,
         Err(error) => return usage("pmac-web", &error),
