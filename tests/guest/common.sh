@@ -5,6 +5,7 @@ target=${CARGO_TARGET_DIR:-$root/target}
 cache=${PMAC_GUEST_CACHE:-$target/guest}
 kernel=$cache/${KERNEL:-kernel}
 programs=$target/${PROFILE:-release}
+pc=${PC:-qemu-system-x86_64 -cpu qemu64,-cx16 -m 512}
 PATH=$PATH:/usr/sbin:/sbin
 
 # A private directory for one guest, in memory: sockets, the console, the DPRAM. Everything started dies with it.
@@ -57,13 +58,14 @@ simulator() {
 }
 
 # QEMU 7.2 spoils the flags when it emulates the CMPXCHG16B that newer kernels allocate memory with; without it they do otherwise.
-# boot TEST CORES APPEND [OPTION...]: a machine of emulated processors, and $dpram of shared memory (16K). Accelerators are not tried: some pretend.
+# boot TEST CORES APPEND [OPTION...]: a machine of emulated processors ($pc), and $dpram of shared memory (16K). Accelerators are not tried: some pretend.
 boot() {
 	test=$1
 	cores=$2
 	append=$3
 	shift 3
-	background console timeout 300 qemu-system-x86_64 -accel tcg -cpu qemu64,-cx16 -M pc -m 512 -smp "$cores" \
+	# shellcheck disable=SC2086 # words
+	background console timeout 300 $pc -accel tcg -M pc -smp "$cores" \
 		-nodefaults -no-user-config -display none -no-reboot -serial stdio \
 		-object "memory-backend-file,id=dpram,mem-path=$site/dpram,size=${dpram:-16K},share=on" -device ivshmem-plain,memdev=dpram \
 		-qtest "unix:$site/qtest,server=on,wait=off" -qtest-log none \

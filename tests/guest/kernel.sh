@@ -1,7 +1,7 @@
 #!/bin/sh
 # kernel.sh DIR: Debian's current kernel for virtual machines and its headers, unpacked under DIR, nothing installed.
 #   DIR/vmlinuz  DIR/modules/ (the tree depmod made)  DIR/headers (what KDIR= wants)  DIR/version
-# APT may hold options for apt, such as those of another release's package lists.
+# APT may hold options for apt, such as those of another release's package lists, ALSO further packages whose files go to DIR/root.
 set -eu
 dir=$1
 apt_options=${APT-}
@@ -27,7 +27,7 @@ rm -rf "$dir"
 mkdir -p "$dir/deb" "$dir/root"
 # The directory may be nobody else's to read, so apt stays who it is. The kernel's postinst would build an initramfs and touch the boot loader; only its files are wanted.
 # shellcheck disable=SC2086
-(cd "$dir/deb" && apt-get $apt_options -o APT::Sandbox::User=root download -qq "$image" "$headers" "$common" "$kbuild")
+(cd "$dir/deb" && apt-get $apt_options -o APT::Sandbox::User=root download -qq "$image" "$headers" "$common" "$kbuild" ${ALSO-})
 for package in "$dir"/deb/*.deb; do
 	dpkg-deb --extract "$package" "$dir/root"
 done

@@ -1,16 +1,21 @@
 #!/bin/sh
-# system_image.sh DEB IMAGE: a disk with a minimal Debian (systemd, udev, no D-Bus), our package installed by dpkg, users of all roles.
+# system_image.sh PART ARCHITECTURE IMAGE: a disk with a minimal Debian (systemd, udev, no D-Bus), our package beside it as /pmac.deb, users of all
+# roles. What the machine does is inside/PART.sh.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 . "$here/common.sh"
-deb=$1
-image=$2
+part=$1
+architecture=$2
+image=$3
+deb=$(ls -t "$root"/target/debian/pmac-dpram_*_"$architecture".deb | head -n 1)
 
-base=$cache/debian.tar
+base=$cache/debian-$architecture.tar
 if [ ! -f "$base" ]; then
-	mmdebstrap --quiet --mode=root --variant=essential --include=systemd-sysv,udev,kmod --aptopt='APT::Install-Recommends "false"' \
+	# A processor of 64 bits runs the programs for 32 bits, which mmdebstrap would have proved by another package.
+	mmdebstrap --quiet --mode=root --architecture="$architecture" --skip=check/qemu --variant=essential --include=systemd-sysv,udev,kmod \
+		--aptopt='APT::Install-Recommends "false"' \
 		--dpkgopt='path-exclude=/usr/share/doc/*' --dpkgopt='path-exclude=/usr/share/man/*' --dpkgopt='path-exclude=/usr/share/locale/*' \
-		--dpkgopt='path-exclude=/usr/share/zoneinfo/*' bookworm "$base.new.tar"
+		--dpkgopt='path-exclude=/usr/share/zoneinfo/*' bookworm "$base.new.tar" 'deb http://deb.debian.org/debian bookworm main'
 	mv "$base.new.tar" "$base"
 fi
 
@@ -20,16 +25,12 @@ chmod 755 "$tree"
 tar -C "$tree" -xf "$base" --exclude='./dev/*' --exclude='./var/cache/apt/*' --exclude='./var/lib/apt/lists/*'
 mknod -m 666 "$tree/dev/null" c 1 3
 cp "$deb" "$tree/pmac.deb"
-# As anybody would install it; the version of Debian is that of the machine the package was built on.
-chroot "$tree" dpkg --install /pmac.deb >"$cache/dpkg.log" 2>&1 || { cat "$cache/dpkg.log" >&2; exit 1; }
-rm "$tree/pmac.deb"
 
 cp -r "$here/inside/system/." "$tree/"
-mkdir -p "$tree/guest" "$tree/etc/systemd/system/pmacd@pmac0.service.d" "$tree/etc/systemd/system/multi-user.target.wants"
-cp "$here/inside/lib.sh" "$here/inside/service.sh" "$tree/guest/"
-cp "$tree/usr/share/pmacd/dropins/device.conf" "$tree/etc/systemd/system/pmacd@pmac0.service.d/"
+mkdir -p "$tree/guest" "$tree/etc/systemd/system/multi-user.target.wants"
+cp "$here/inside/lib.sh" "$here/inside/users.conf" "$tree/guest/"
+cp "$here/inside/$part.sh" "$tree/guest/part.sh"
 ln -s ../guest.service "$tree/etc/systemd/system/multi-user.target.wants/guest.service"
-chroot "$tree" systemd-sysusers guest.conf 2>"$cache/sysusers.log"
 "$here/modules.sh" "$tree" uio uio_pci_generic
 # What a test has no use for and an emulated processor takes seconds for.
 for unit in getty.target systemd-timesyncd.service systemd-networkd.service systemd-logind.service systemd-hwdb-update.service \

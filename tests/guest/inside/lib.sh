@@ -125,3 +125,17 @@ bind_generic() { # DEVICE
 
 # What the daemon said that somebody should hear, for whoever reads the console.
 complaints() { grep -E 'WARN|ERROR' /run/pmacd.log | sed 's/^/   /'; }
+
+# install_package: our package on the running system, as anybody would install it, with users of all roles.
+install_package() {
+	dpkg --install /pmac.deb >/run/dpkg.log 2>&1 && ok 'the package is installed' || { fail 'dpkg --install'; cat /run/dpkg.log; }
+	systemd-sysusers /guest/users.conf 2>/run/sysusers.log || cat /run/sysusers.log
+}
+
+# purge_package: after it nothing of the package is there but its users.
+purge_package() {
+	dpkg --listfiles pmac-dpram >/run/files
+	dpkg --purge pmac-dpram >/run/dpkg.log 2>&1 && ok 'the package is purged' || { fail 'dpkg --purge'; cat /run/dpkg.log; }
+	expect 'no file of it is left' '' "$(while read -r file; do [ -d "$file" ] || ls "$file" 2>/dev/null; done </run/files; ls -d /run/pmacd /var/lib/pmacd 2>/dev/null)"
+	expect 'nor a unit that runs' '' "$(systemctl list-units --no-legend --plain 'pmac*' | grep service)"
+}

@@ -20,6 +20,11 @@ nobody_opens() {
 }
 trouble() { fail "$1"; systemctl status --no-pager --lines=30 "$unit"; ls -l /dev/uio* /dev/pmac*; }
 
+install_package
+mkdir -p "/etc/systemd/system/$unit.d"
+cp /usr/share/pmacd/dropins/device.conf "/etc/systemd/system/$unit.d/"
+systemctl daemon-reload
+
 board=$(pci_device 0x1af4 0x1110)
 dd if="$board/config" of=/run/window bs=1 skip=$((0x18)) count=8 2>/dev/null
 place_dpram
@@ -146,6 +151,6 @@ expect 'the slot has' 'pmacd:root 600' "$(stat -c '%U:%G %a' /dev/uio0)"
 nobody_opens /dev/uio0 "$board/config" "$board/resource2"
 as engineer pmacctl send P1 >/dev/null && ok 'while commands are answered' || fail 'no command is answered by PCI'
 expect_in 'doctor' "/dev/uio0 is pmacd's alone" "$(pmacctl doctor --boards)"
-systemctl stop "$unit"
 expect 'units that failed' '' "$(systemctl --failed --no-legend --plain | grep pmac)"
+purge_package
 echo '@@ end'

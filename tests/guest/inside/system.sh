@@ -1,5 +1,5 @@
 # The way into a Debian with systemd and udev: its disk, and on.
-modprobe -a virtio_pci virtio_blk
+modprobe -a virtio_pci virtio_blk ext4 crc32c_generic
 wait_for 10 test -b /dev/vda || fail 'no disk'
 mkdir -p /disk
 mount -t ext4 /dev/vda /disk || fail 'the disk has no system'
