@@ -1,0 +1,158 @@
+//! Command lines and their replies.
+//!
+//! A reply is each of its lines with a CR behind it; the CRs count. A line without a reply gives an empty text.
+
+use pmac_dpram::language::{Meaning, deadlines};
+use pmac_dpram::protocol::control;
+
+use crate::device::Device;
+use crate::fault::{CHARACTERS, END, Fault};
+use crate::process::with;
+
+/// The text of a reply.
+pub(crate) fn text(lines: &[String]) -> Vec<u8> {
+    // The client library keeps the board's bytes as Latin-1.
+    let bytes = |line: &String| {
+        line.chars().map(|c| u8::try_from(c).unwrap_or(b'?')).chain([b'\r']).collect::<Vec<_>>()
+    };
+    lines.iter().flat_map(bytes).collect()
+}
+
+/// The lines in a text of the program, which may hold several. An empty line has nothing for the board.
+fn lines(text: &[u8]) -> Vec<String> {
+    let parts = text.split(|byte| matches!(byte, b'\n' | b'\r')).map(|part| match part {
+        [1..=31] => part,
+        _ => part.trim_ascii(),
+    });
+    parts
+        .filter(|part| !part.is_empty())
+        .map(|part| part.iter().map(|byte| char::from(*byte)).collect())
+        .collect()
+}
+
+/// Sends the lines of `text`, and returns the replies of all. Ends with the first line that fails.
+fn exchange(device: &Device, text: &[u8]) -> Result<Vec<String>, Fault> {
+    let mut replies = Vec::new();
+    for line in lines(text) {
+        let sent = match line.as_bytes() {
+            // Some programs send a control character as a line.
+            [character @ 1..=31] => send_control(device, *character),
+            _ => send_line_of(device, &line),
+        };
+        match sent {
+            Ok(lines) => replies.extend(lines),
+            Err(mut fault) => {
+                replies.append(&mut fault.lines);
+                return Err(Fault { lines: replies, ..fault });
+            }
+        }
+    }
+    Ok(replies)
+}
+
+fn send_line_of(device: &Device, line: &str) -> Result<Vec<String>, Fault> {
+    let meaning = Meaning::of(line);
+    // A stop waits for no other thread.
+    if !meaning.stops {
+        drop(device.turn()?);
+    }
+    device.send(line, meaning.deadline(deadlines::PLAIN))
+}
+
+fn send_control(device: &Device, character: u8) -> Result<Vec<String>, Fault> {
+    if !control::stops(character) {
+        drop(device.turn()?);
+    }
+    device.control(character)
+}
+
+/// The reply to `command`, or the failure.
+pub(crate) fn response(number: u32, command: Option<&[u8]>) -> Result<Vec<u8>, Fault> {
+    with(number, |device| {
+        let command = command.ok_or_else(|| Fault::argument("the command is NULL"))?;
+        Ok(text(&exchange(device, command)?))
+    })
+}
+
+/// The answer to a control character.
+pub(crate) fn control_response(number: u32, character: u8) -> Result<Vec<u8>, Fault> {
+    with(number, |device| match character {
+        1..=31 => Ok(text(&send_control(device, character)?)),
+        _ => Err(Fault::argument(format!("{character} is no control character: 1 to 31"))),
+    })
+}
+
+/// What a function with Ex returns for `count` characters of a reply of `length`.
+pub(crate) fn status(outcome: &Result<Vec<u8>, Fault>, count: usize) -> u32 {
+    let characters = u32::try_from(count).unwrap_or(CHARACTERS) & CHARACTERS;
+    match outcome {
+        // Without the bit of the end, there is more of the reply than the program has room for.
+        Ok(reply) if reply.len() > count => characters,
+        Ok(_) => END | characters,
+        Err(fault) => fault.bits() | characters,
+    }
+}
+
+/// Sends the lines of `text`; `PmacGetLineA` gives the replies. Returns how many characters were sent.
+pub(crate) fn send_line(number: u32, line: Option<&[u8]>) -> Result<usize, Fault> {
+    with(number, |device| {
+        let line = line.ok_or_else(|| Fault::argument("the line is NULL"))?;
+        let reply = exchange(device, line);
+        device.keep_reply(&reply);
+        reply.map(|_| line.len())
+    })
+}
+
+/// The next line of the replies, empty at their end.
+pub(crate) fn next_line(number: u32) -> Result<Vec<u8>, Fault> {
+    with(number, |device| {
+        let mut waiting = device.waiting();
+        if let Some(line) = waiting.lines.pop_front() {
+            return Ok(text(&[line]));
+        }
+        waiting.end = false;
+        match waiting.fault.take() {
+            Some(fault) => Err(fault),
+            None => Ok(Vec::new()),
+        }
+    })
+}
+
+/// As [`next_line`]: puts the line, and returns its status. Before the end of the replies the status has no bit.
+pub(crate) fn line_status(number: u32, put: impl FnOnce(&Result<Vec<u8>, Fault>) -> usize) -> u32 {
+    let outcome = next_line(number);
+    let count = put(&outcome);
+    match &outcome {
+        Ok(line) if !line.is_empty() => u32::try_from(count).unwrap_or(CHARACTERS) & CHARACTERS,
+        outcome => status(outcome, count),
+    }
+}
+
+/// All lines of the replies.
+pub(crate) fn all_lines(number: u32) -> Result<Vec<u8>, Fault> {
+    with(number, |device| {
+        let mut waiting = device.waiting();
+        waiting.end = false;
+        let lines: Vec<String> = waiting.lines.drain(..).collect();
+        match waiting.fault.take() {
+            Some(fault) => Err(Fault { lines, ..fault }),
+            None => Ok(text(&lines)),
+        }
+    })
+}
+
+/// Whether a line, or the end of the replies, waits for `PmacGetLineA`.
+pub(crate) fn is_ready(number: u32) -> Result<bool, Fault> {
+    with(number, |device| {
+        let waiting = device.waiting();
+        Ok(!waiting.lines.is_empty() || waiting.end)
+    })
+}
+
+/// Drops the replies that wait.
+pub(crate) fn flush(number: u32) -> Result<(), Fault> {
+    with(number, |device| {
+        *device.waiting() = Default::default();
+        Ok(())
+    })
+}

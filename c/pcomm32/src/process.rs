@@ -1,0 +1,69 @@
+//! The devices of each process. A forked child has devices of its own: a thread of the parent may have locked the
+//! parent's, and the connections are the parent's, too.
+
+use std::sync::OnceLock;
+
+use crate::config::{Config, DEVICES};
+use crate::device::Device;
+use crate::fault::{self, Fault};
+
+/// The devices of one process.
+struct Devices {
+    process: u32,
+    config: Result<Config, String>,
+    devices: [Device; DEVICES],
+    /// Those of a child.
+    child: OnceLock<Box<Self>>,
+}
+
+static FIRST: OnceLock<Box<Devices>> = OnceLock::new();
+
+impl Devices {
+    /// The devices of this process; a child's are open where its parent's were.
+    fn new(parent: Option<&Self>) -> Box<Self> {
+        let devices = std::array::from_fn(|number| {
+            Device::new(number, parent.is_some_and(|parent| parent.devices[number].is_open()))
+        });
+        let config = Config::read();
+        Box::new(Self { process: std::process::id(), config, devices, child: OnceLock::new() })
+    }
+
+    fn of_this_process() -> &'static Self {
+        // A process reads its own number without a lock, so a lock that a fork has copied stops nobody.
+        let mut devices = FIRST.get_or_init(|| Self::new(None));
+        while devices.process != std::process::id() {
+            devices = devices.child.get_or_init(|| Self::new(Some(devices)));
+        }
+        devices
+    }
+}
+
+/// The configuration of this process.
+pub(crate) fn config() -> Result<&'static Config, Fault> {
+    Devices::of_this_process().config.as_ref().map_err(|why| Fault::argument(why.clone()))
+}
+
+/// Does `work` for the device of this number, open or not. Keeps the outcome for `PmacGetError`.
+pub(crate) fn with_any<T>(
+    number: u32,
+    work: impl FnOnce(&'static Device) -> Result<T, Fault>,
+) -> Result<T, Fault> {
+    let devices = &Devices::of_this_process().devices;
+    let device = devices.get(number as usize);
+    let device =
+        device.ok_or_else(|| Fault::argument(format!("device {number}: there are 0 to {}", DEVICES - 1)));
+    let done = device.and_then(work);
+    fault::keep(number, done.as_ref().err());
+    done
+}
+
+/// As [`with_any`], for a device that must be open.
+pub(crate) fn with<T>(
+    number: u32,
+    work: impl FnOnce(&'static Device) -> Result<T, Fault>,
+) -> Result<T, Fault> {
+    with_any(number, |device| match device.is_open() {
+        true => work(device),
+        false => Err(Fault::argument(format!("device {number} is not open: call OpenPmacDevice first"))),
+    })
+}
