@@ -97,7 +97,7 @@ impl<U: Unit> Text<U> {
         let mut bytes = Vec::new();
         loop {
             // SAFETY: the program gives a text that ends with a NUL, and all characters up to the NUL are its own.
-            let unit = unsafe { self.0.add(bytes.len()).read_unaligned() };
+            let unit = unsafe { self.0.wrapping_add(bytes.len()).read_unaligned() };
             if unit == U::default() {
                 return Some(bytes);
             }
@@ -144,7 +144,7 @@ impl<T: Copy> Place<T> {
     pub(crate) fn copy(self, count: usize) -> Option<Vec<T>> {
         let read = |index| {
             // SAFETY: the program gives as many values.
-            unsafe { self.0.add(index).read_unaligned() }
+            unsafe { self.0.wrapping_add(index).read_unaligned() }
         };
         (!self.0.is_null()).then(|| (0..count).map(read).collect())
     }
@@ -159,12 +159,18 @@ impl Memory {
     /// No bytes.
     pub(crate) const NULL: Self = Self(std::ptr::null_mut());
 
-    /// Writes `bytes` there.
-    pub(crate) fn put(self, bytes: &[u8]) {
+    /// Whether the program gives no place.
+    pub(crate) fn is_null(self) -> bool {
+        self.0.is_null()
+    }
+
+    /// Writes `bytes` there, and gives the place back.
+    pub(crate) fn put(self, bytes: &[u8]) -> Self {
         if !self.0.is_null() {
             // SAFETY: the program gives room for as many bytes as it asks for.
             unsafe { copy_nonoverlapping(bytes.as_ptr(), self.0.cast(), bytes.len()) };
         }
+        self
     }
 
     /// A copy of `count` bytes; `None` for NULL.

@@ -5,7 +5,7 @@
 //! |---|---|
 //! | 0 | `border`: all that C hands over, and all `unsafe` · `fault`: how calls fail · `config`: which board a device is |
 //! | 1 | `device`: one device of this process · `process`: the devices of each process |
-//! | 2 | `ascii`: lines and replies · `variables` · `memory`: the DPRAM by byte offset |
+//! | 2 | `ascii`: lines and replies · `variables` · `memory`: the DPRAM by byte offset · `status`: the board's reports |
 //! | 3 | `exports`: the 246 names |
 //!
 //! # Invariants
@@ -22,4 +22,7 @@ mod config;
 mod device;
 mod exports;
 mod fault;
+mod memory;
 mod process;
+mod status;
+mod variables;

@@ -67,7 +67,7 @@ exports! {
         status(ascii::control_response(number, character.byte()), room, max);
     /// Sends a control character; a board takes no single other characters.
     PmacSendCharA(number: DWORD, character: c_char) -> BOOL = FALSE =>
-        truth(ascii::control_response(number, character.byte()).map(drop));
+        truth(ascii::control_response(number, character.byte()));
     /// Sends a line; `PmacGetLineA` gives its reply.
     PmacSendLineA(number: DWORD, text: Text<c_char>) -> wide = 0 => line(number, text);
     /// As `PmacSendLineA`, in characters of 16 bits.
@@ -92,7 +92,7 @@ exports! {
     /// Drops the replies that wait.
     PmacFlush(number: DWORD) -> () = () => drop(ascii::flush(number));
     /// Lines go by the port that the daemon uses: the DPRAM's, whatever the program wishes.
-    PmacSetAsciiComm(number: DWORD, _mode: int) -> BOOL = FALSE => truth(ascii::is_ready(number).map(drop));
+    PmacSetAsciiComm(number: DWORD, _mode: int) -> BOOL = FALSE => truth(ascii::is_ready(number));
     /// 1: by the DPRAM.
     PmacGetAsciiComm(number: DWORD) -> int = 0 => int::from(ascii::is_ready(number).is_ok());
 }

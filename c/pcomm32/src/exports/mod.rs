@@ -3,7 +3,10 @@
 
 mod ascii;
 mod device;
+mod memory;
+mod status;
 mod stubs;
+mod variables;
 
 use std::ffi::c_void;
 
@@ -20,7 +23,7 @@ const FALSE: BOOL = 0;
 const TRUE: BOOL = 1;
 
 /// TRUE for success.
-fn truth<E>(outcome: Result<(), E>) -> BOOL {
+fn truth<T, E>(outcome: Result<T, E>) -> BOOL {
     BOOL::from(outcome.is_ok())
 }
 
