@@ -26,7 +26,7 @@
 //! | layer | modules |
 //! |---|---|
 //! | 0 | [`mod@format`]: numbers and text as DPRAM holds them · [`clock`]: the time, real or a test's · [`usage`]: how programs refuse a command line · [`process`]: their end with their parent or by a panic, their log, paths through a descriptor |
-//! | 1 | [`map`]: the place of every word · [`language`]: the meaning of a command line · [`decode`]: words to named values · [`setup`]: calculators of the lines that set up a board · [`rotary`]: motion programs as binary commands · [`table`]: tables of numbers in files · [`gather`]: the sources and samples of a gather · [`protocol`]: the command socket's messages · [`recording`]: captures of boards |
+//! | 1 | [`map`]: the place of every word · [`language`]: the meaning of a command line · [`decode`]: words to named values · [`setup`]: calculators of the lines that set up a board · [`rotary`]: motion programs as binary commands · [`table`]: tables of numbers in files · [`gather`]: the sources and samples of a gather · [`protocol`]: the command socket's messages · [`preprocess`]: program files to lines · [`recording`]: captures of boards |
 //! | 2 | [`device`]: the bus, its kinds and decorators, the interrupt |
 //! | 3 | [`function`]: the host's half of each automatic function |
 //! | 4 | [`segment`]: the shared-memory ABI · [`mirror`]: which words to read, and when |
@@ -98,6 +98,7 @@ pub mod language;
 pub mod map;
 #[cfg(feature = "daemon")]
 pub mod mirror;
+pub mod preprocess;
 pub mod process;
 pub mod protocol;
 #[cfg(any(feature = "cli", feature = "daemon", feature = "sim"))]

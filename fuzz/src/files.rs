@@ -4,11 +4,11 @@ use std::cell::Cell;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use pmac_dpram::cli::preprocess::preprocess;
 use pmac_dpram::cli::settings_file as variables;
 use pmac_dpram::decode::{Image, Scales, value};
 use pmac_dpram::format::{Float48Layout, WordOrder};
 use pmac_dpram::map::{Family, HostOffset, Space, TypedAddress};
+use pmac_dpram::preprocess::preprocess;
 use pmac_dpram::protocol::{LINE_MAX, check_line};
 
 use super::tape::Tape;

@@ -54,7 +54,7 @@ use files::{backup, download};
 use show::watch::{self, Part};
 use show::{bits, decode, demo, map, read, status};
 
-pub use files::{preprocess, settings_file};
+pub use files::settings_file;
 pub use rotary::words as rotary_words;
 
 /// The command line's definition, for manual pages and completions.

@@ -4,12 +4,6 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// The file's name in messages.
-pub fn shown(path: impl AsRef<Path>) -> String {
-    let path = path.as_ref();
-    if path == Path::new("-") { "stdin".to_owned() } else { path.display().to_string() }
-}
-
 /// At most the first `most` bytes of a file.
 ///
 /// # Errors

@@ -9,7 +9,7 @@ use serde_json::json;
 
 use super::check::check;
 use super::differences::{differences, document, entries, held_of};
-use crate::cli::console::input::shown;
+use crate::preprocess::shown;
 use crate::cli::console::sink;
 use crate::cli::console::{board_of, confirm, note, sending};
 use crate::cli::context::{Context, Failure, Verdict};

@@ -8,7 +8,7 @@ use clap::ValueEnum;
 use super::differences::{differences, document, entries, held_of};
 use super::saved::{What, is_there, name, others};
 use super::settings_file::{Entry, Item};
-use crate::cli::console::input::shown;
+use crate::preprocess::shown;
 use crate::cli::console::note;
 use crate::cli::context::{Context, Failure, Verdict};
 

@@ -18,13 +18,13 @@ use crate::cli::args::values::line_timeout;
 use crate::cli::console::input::read;
 use crate::cli::console::{Interrupt, Progress, note};
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::cli::files::preprocess::{Place, SourceLine, preprocess};
 use crate::cli::files::sequence::left;
 use crate::client::Connection;
 use crate::client::circles::{self, is_circle};
 use crate::client::command::lines::LinesOptions;
 use crate::format::Visible;
 use crate::language::lexer::{Kind, tokens};
+use crate::preprocess::{Place, SourceLine, preprocess};
 use crate::protocol::board::RunLinesReply;
 
 /// Largest file.

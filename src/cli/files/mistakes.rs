@@ -1,8 +1,8 @@
 //! Prints the mistakes in files before pmacctl sends a line.
 
-use super::preprocess::Mistake;
 use crate::cli::console::note;
 use crate::cli::context::Failure;
+use crate::preprocess::Mistake;
 
 /// The most mistakes to print.
 const MISTAKES_MAX: usize = 50;

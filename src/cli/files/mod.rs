@@ -7,7 +7,6 @@ pub mod download;
 mod listings;
 mod meaning;
 mod mistakes;
-pub mod preprocess;
 mod prologue;
 mod prose;
 pub mod saved;

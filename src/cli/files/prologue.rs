@@ -4,7 +4,7 @@ use clap::ValueEnum;
 
 use crate::cli::console::{board_of, confirm, note};
 use crate::cli::context::{Context, Failure};
-use crate::cli::files::preprocess::{Place, SourceLine};
+use crate::preprocess::{Place, SourceLine};
 
 /// The lines that a prologue has on request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

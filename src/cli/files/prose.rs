@@ -4,7 +4,7 @@
 //! The check looks at the begin of each line. It refuses a file when most of its lines begin with no word that PMAC
 //! knows, so that a few lines of another firmware keep no file of a real machine out.
 
-use super::preprocess::{Mistake, SourceLine};
+use crate::preprocess::{Mistake, SourceLine};
 
 /// Words of commands and of programs, long and short (Software Reference, command lists).
 const WORDS: &str = "ABS ADDRESS ADIS ADR AROT BLOCKSTART BLOCKSTOP BSTART BSTOP CALL CC CCR CHECKSUM CHKS CID CIR CIRCLE CLEAR CLOSE CLR \
@@ -80,8 +80,8 @@ fn letters(run: &str, behind: &str) -> bool {
 mod tests {
     use std::path::Path;
 
-    use super::super::preprocess::preprocess;
     use super::*;
+    use crate::preprocess::preprocess;
 
     fn checked(text: &str) -> Result<(), Mistake> {
         let lines = preprocess(&["f".into()], &|_: &Path| Ok(text.as_bytes().to_vec())).unwrap();

@@ -11,11 +11,11 @@ use std::fmt;
 
 use crate::cli::context::Failure;
 use crate::cli::files::meaning::{same_axis, same_number, same_program};
-use crate::cli::files::preprocess::{Mistake, Place};
 use crate::cli::files::sequence::ask;
 use crate::client::command::lines::LineSequence;
 use crate::language::{LINE_MAX, Meaning};
 use crate::map::m_definition::MDefinition;
+use crate::preprocess::{Mistake, Place};
 use crate::protocol::answer;
 use crate::protocol::check_line;
 

@@ -12,7 +12,7 @@ use serde_json::json;
 use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled};
 use super::stream::{check_system, own_buffer};
 use crate::cli::args::values::number;
-use crate::cli::console::input::shown;
+use crate::preprocess::shown;
 use crate::cli::console::note;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Connection, RotaryFeed, RotaryPlace};

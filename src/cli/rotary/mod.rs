@@ -13,7 +13,7 @@ use self::source::{Format, compiled, read, warn};
 use self::stream::Stream;
 use self::words::{pairs, words};
 use crate::cli::args::values::family;
-use crate::cli::console::input::shown;
+use crate::preprocess::shown;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::map::Family;
 use crate::rotary::{Settings, decompile};

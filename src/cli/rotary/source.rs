@@ -5,7 +5,8 @@ use std::fmt::Display;
 use clap::Args;
 use serde::Deserialize;
 
-use crate::cli::console::input::{self, shown};
+use crate::cli::console::input;
+use crate::preprocess::shown;
 use crate::cli::console::note;
 use crate::cli::context::Failure;
 use crate::client::{Connection, circles};

@@ -11,7 +11,7 @@ use serde_json::json;
 
 use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled_stream};
 use crate::cli::args::values::number;
-use crate::cli::console::input::shown;
+use crate::preprocess::shown;
 use crate::cli::console::{Interrupt, Progress, note};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Connection, RotaryFeed, RotaryLine, RotaryPlace};

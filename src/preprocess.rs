@@ -12,7 +12,6 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use crate::cli::console::input::shown;
 use crate::format::file_text;
 use crate::protocol::check_line;
 
@@ -25,6 +24,12 @@ const TEXT_MAX: usize = 4096;
 /// The most included files, repeats counted, and the most bytes in them.
 const INCLUDES_MAX: usize = 1000;
 const BYTES_MAX: usize = 64 << 20;
+
+/// The file's name in messages; `-` is stdin.
+pub fn shown(path: impl AsRef<Path>) -> String {
+    let path = path.as_ref();
+    if path == Path::new("-") { "stdin".to_owned() } else { path.display().to_string() }
+}
 
 /// A place in a file.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
@@ -107,7 +112,7 @@ struct Preprocessor<'a> {
 /// One `#ifdef`.
 struct Condition {
     place: Place,
-    /// Whether pmacctl sends its lines.
+    /// Whether the host sends its lines.
     holds: bool,
     /// Whether all outer conditions hold.
     around: bool,
