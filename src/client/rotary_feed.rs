@@ -8,9 +8,10 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use super::command::{CommandError, Connection, MARGIN, milliseconds};
+use super::command::rotary::send_call;
+use super::command::{CommandError, Connection, MARGIN};
+use crate::protocol::CallError;
 use crate::protocol::board::{Done, RotaryStateReply, RotaryStopReply};
-use crate::protocol::{CallError, calls};
 
 /// The commands of a line, two words of 24 bits each.
 pub type RotaryLine = Vec<(u32, u32)>;
@@ -127,12 +128,8 @@ impl<'a> RotaryFeed<'a> {
         });
         // A line longer than a batch goes alone, so that the daemon refuses it with the reason.
         let count = full.unwrap_or(rest.len()).max(1);
-        let parameters = calls::RotarySend {
-            buffer: self.buffer,
-            lines: rest.iter().take(count).map(words).collect(),
-            first: Some(self.next as u64),
-            timeout_ms: Some(milliseconds(BATCH_PATIENCE)),
-        };
+        let lines = rest.get(..count).unwrap_or(rest);
+        let parameters = send_call(self.buffer, self.next as u64, lines, BATCH_PATIENCE);
         self.connection.ask("RotarySend", &parameters, BATCH_PATIENCE + MARGIN)?;
         self.next += count;
         self.under_way.push_back(self.next);
@@ -153,8 +150,4 @@ impl<'a> RotaryFeed<'a> {
         self.next = self.inside;
         Ok(state)
     }
-}
-
-fn words(line: &RotaryLine) -> calls::RotaryLine {
-    calls::RotaryLine { words: line.iter().flat_map(|&(word1, word2)| [word1, word2]).collect() }
 }

@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use super::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN};
+use super::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN, milliseconds};
+use crate::client::rotary_feed::RotaryLine;
 use crate::map::HostOffset;
 use crate::protocol::board::{Done, RotaryStartReply, RotaryStateReply, RotaryStopReply};
 use crate::protocol::calls::{self, LeftLines};
@@ -36,6 +37,25 @@ pub struct RotaryPlace {
     pub modes: Vec<String>,
 }
 
+/// The parameters of a batch of lines.
+pub(in crate::client) fn send_call(
+    buffer: u8,
+    first: u64,
+    lines: &[RotaryLine],
+    timeout: Duration,
+) -> calls::RotarySend {
+    calls::RotarySend {
+        buffer,
+        lines: lines.iter().map(words).collect(),
+        first: Some(first),
+        timeout_ms: Some(milliseconds(timeout)),
+    }
+}
+
+fn words(line: &RotaryLine) -> calls::RotaryLine {
+    calls::RotaryLine { words: line.iter().flat_map(|&(word1, word2)| [word1, word2]).collect() }
+}
+
 impl Connection {
     /// Begins a stream of this connection; [`crate::client::RotaryFeed`] sends its lines. Returns the number of lines
     /// left in the board's own buffer. The stream ends with the connection, or after 5 s without a call.
@@ -57,6 +77,23 @@ impl Connection {
             modes: place.modes,
         };
         self.call_used("RotaryStart", &parameters, SET_UP_WITHIN)
+    }
+
+    /// Puts lines of this connection's stream into rotary buffer `buffer` (from 1). The first of them must be line `first`
+    /// since the buffer was set up.
+    ///
+    /// # Errors
+    /// [`CommandError`], with [`crate::protocol::CallError::TimedOut`] inside if the buffer has no room for all of them
+    /// within `timeout`: [`Connection::rotary_state`] tells how many went in.
+    pub fn rotary_send(
+        &mut self,
+        buffer: u8,
+        first: u64,
+        lines: &[RotaryLine],
+        timeout: Duration,
+    ) -> Result<(), CommandError> {
+        let Done {} = self.call("RotarySend", &send_call(buffer, first, lines, timeout), timeout + MARGIN)?;
+        Ok(())
     }
 
     /// Tells the daemon that the program is whole: no line follows in this connection's stream into rotary buffer
