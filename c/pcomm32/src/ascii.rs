@@ -8,6 +8,7 @@ use pmac_dpram::protocol::control;
 use crate::device::Device;
 use crate::fault::{CHARACTERS, END, Fault};
 use crate::process::with;
+use crate::rotary;
 
 /// The text of a reply.
 pub(crate) fn text(lines: &[String]) -> Vec<u8> {
@@ -55,6 +56,9 @@ fn send_line_of(device: &Device, line: &str) -> Result<Vec<String>, Fault> {
     // A stop waits for no other thread.
     if !meaning.stops {
         drop(device.turn()?);
+    }
+    if rotary::takes(device, line) {
+        return Ok(Vec::new());
     }
     device.send(line, meaning.deadline(deadlines::PLAIN))
 }

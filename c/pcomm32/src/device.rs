@@ -15,6 +15,8 @@ use pmac_dpram::segment::SegmentName;
 use crate::config::Daemon;
 use crate::fault::Fault;
 use crate::process;
+use crate::rotary::Buffers;
+use crate::texts::{self, Interrupt, Texts};
 
 /// How long a call waits for another thread's `ReleasePmac`.
 const LOCK_WAIT: Duration = Duration::from_secs(5);
@@ -40,6 +42,14 @@ pub(crate) struct Device {
     board: Mutex<Option<Board>>,
     own_buffer: Mutex<OwnBuffer>,
     waiting: Mutex<Waiting>,
+    /// The rotary buffers that the program has announced.
+    pub(crate) buffers: Mutex<Buffers>,
+    /// The texts that the program fetches.
+    pub(crate) texts: Mutex<Option<Texts>>,
+    /// The program's callback.
+    pub(crate) interrupt: Mutex<Option<Interrupt>>,
+    /// A download is to end.
+    pub(crate) abort: AtomicBool,
     /// The thread that has called `LockPmac`, and how often.
     holder: Mutex<Option<(ThreadId, usize)>>,
     released: Condvar,
@@ -59,6 +69,10 @@ impl Device {
             board: Mutex::default(),
             own_buffer: Mutex::default(),
             waiting: Mutex::default(),
+            buffers: Mutex::default(),
+            texts: Mutex::default(),
+            interrupt: Mutex::default(),
+            abort: AtomicBool::new(false),
             holder: Mutex::default(),
             released: Condvar::new(),
         }
@@ -81,6 +95,8 @@ impl Device {
         lock(&self.idle).clear();
         *lock(&self.board) = None;
         *lock(&self.waiting) = Waiting::default();
+        lock(&self.buffers).clear();
+        texts::close(self);
     }
 
     fn daemon(&self) -> Result<&'static Daemon, Fault> {

@@ -7,6 +7,7 @@ mod memory;
 mod status;
 mod stubs;
 mod variables;
+mod work;
 
 use std::ffi::c_void;
 

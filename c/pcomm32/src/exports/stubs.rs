@@ -11,12 +11,10 @@ stubs! {
         DoAGantryParabolic(DWORD, DWORD, DWORD);
         DoAGantryPositionLoopStep(DWORD, DWORD, DWORD);
         DownloadGantryAutoTuningPLC(DWORD, DWORD, DWORD, BOOL, BOOL, f32, int);
-        PmacAbortDownload(DWORD);
         PmacClearGather(DWORD);
         PmacClearGatherData(DWORD);
         PmacClearRTGather(DWORD);
         PmacDPRPCITest(DWORD);
-        PmacDPRRotBufClr(DWORD, DWORD);
         PmacDPRSetFOEnableBit(DWORD, int, int);
         PmacDPRSetFOValue(DWORD, int, int);
         PmacDPRSetHoldBit(DWORD, int, int);
@@ -28,7 +26,6 @@ stubs! {
         PmacDPRSetRunBit(DWORD, int, int);
         PmacDPRSetStepBit(DWORD, int, int);
         PmacDPRSetStopBit(DWORD, int, int);
-        PmacDownloadFile(DWORD, Pointer);
         PmacRenumberFilesA(DWORD, int, Pointer);
         PmacSetWindow(DWORD, Pointer);
     }
@@ -36,11 +33,9 @@ stubs! {
         ChangeGet(DWORD, Pointer, DWORD);
         ChangeReadReady(DWORD);
         ChangeStore(DWORD, Pointer);
-        GetUSResponse(DWORD, Pointer, DWORD);
         MACROSetIVariableString(DWORD, DWORD, DWORD, Pointer);
         MACROUploadConfig(DWORD, Pointer, Pointer);
         PmacAddRTGather(DWORD, DWORD);
-        PmacDPRBackGroundVar(DWORD, BOOL);
         PmacDPRControlPanel(DWORD, int);
         PmacDPRRotBufOpen(DWORD);
         PmacDPRVarBufChange(DWORD, int, int, Pointer);
@@ -54,9 +49,7 @@ stubs! {
         PmacGetGatherPoint(DWORD, DWORD, DWORD, Pointer);
         PmacGetGatherSamples(DWORD, DWORD, Pointer, Pointer, DWORD);
         PmacGetMotorStatus(DWORD, DWORD, Pointer);
-        PmacINTRFuncCallInit(DWORD, Pointer, DWORD, DWORD);
         PmacINTRSetupMask(DWORD, DWORD);
-        PmacINTRTerminate(DWORD);
         PmacINTRWndMsgInit(DWORD, Pointer, DWORD, DWORD);
         PmacInitGather(DWORD, DWORD, f64);
         PmacInitRTGather(DWORD);
@@ -73,7 +66,6 @@ stubs! {
         PmacSockIsMultiHost(DWORD);
         ShutdownPmacDevice(DWORD, BOOL);
         StoreUSResponse(DWORD, Pointer, DWORD);
-        USReadReady(DWORD);
     }
     DWORD = 0 => {
         MapLocAndEnumFromDeviceNum(DWORD, Pointer, Pointer);
@@ -98,19 +90,9 @@ stubs! {
         PmacNetActualPosition(DWORD, int, f64);
         PmacSetGatherSampleTime(DWORD, f64);
     }
-    i16 = -1 => {
-        PmacDPRAsciiStrToRotA(DWORD, Pointer, u16);
-        PmacDPRAsciiStrToRotEx(DWORD, Pointer, u16, BOOL);
-        PmacDPRRotBuf(DWORD, BOOL);
-        PmacDPRRotBufChange(DWORD, u16, u16);
-        PmacDPRRotBufInit(DWORD, u16);
-        PmacDPRRotBufRemove(DWORD, u16);
-        PmacDPRrotput(DWORD, int, Pointer, int);
-    }
     int = -1 => {
         MACROGetIVariableLong(DWORD, DWORD, DWORD, int);
         PmacDPRAddressRange(DWORD, BOOL, BOOL);
-        PmacDPRBufLast(DWORD);
         PmacDPRGetFOEnableBit(DWORD, int);
         PmacDPRGetFOValue(DWORD, int);
         PmacDPRGetHoldBit(DWORD, int);
@@ -142,11 +124,9 @@ stubs! {
         PmacAddDownloadFileA(DWORD, Pointer, Pointer, Pointer);
         PmacDPRVarBufInit(DWORD, int, Pointer);
         PmacDPRVarBufInitEx(DWORD, int, Pointer, Pointer);
-        PmacDownloadA(DWORD, Pointer, Pointer, Pointer, Pointer, BOOL, BOOL, BOOL, BOOL);
         PmacGetLocation(DWORD);
         PmacMultiDownloadA(DWORD, Pointer, Pointer, Pointer, Pointer, BOOL, BOOL, BOOL, BOOL);
         PmacRemoveDownloadFileA(DWORD, Pointer, Pointer, Pointer);
-        PmacThreadDownloadA(DWORD, Pointer, Pointer, Pointer, Pointer, BOOL, BOOL, BOOL, BOOL);
     }
     u16 = 0 => {
         PmacGetPlcStatus(DWORD, Pointer);

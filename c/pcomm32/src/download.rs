@@ -1,0 +1,77 @@
+//! Downloads of program files. The daemon runs the lines as one sequence, and closes a buffer that they leave open.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+
+use pmac_dpram::client::command::lines::LinesOptions;
+use pmac_dpram::language::deadlines;
+use pmac_dpram::preprocess::preprocess;
+use pmac_dpram::protocol::board::RunLinesReply;
+
+use crate::fault::Fault;
+use crate::process::with;
+
+/// The program's callbacks.
+pub(crate) trait Told {
+    /// A line for the program's user.
+    fn message(&self, text: &str);
+    /// How much is done, in percent.
+    fn progress(&self, percent: i32);
+}
+
+/// Sends the lines of a file, with names and includes resolved, or only checks the file. Ends with the first line that
+/// the board refuses.
+pub(crate) fn run(number: u32, file: Option<Vec<u8>>, sends: bool, told: &impl Told) -> Result<(), Fault> {
+    let done = with(number, |device| {
+        let file = file.ok_or_else(|| Fault::argument("the file's name is NULL"))?;
+        let file = PathBuf::from(String::from_utf8_lossy(&file).into_owned());
+        let read = |path: &Path| fs::read(path).map_err(|error| error.to_string());
+        let lines = preprocess(&[file], &read).map_err(|mistakes| {
+            let text: Vec<String> = mistakes.iter().map(ToString::to_string).collect();
+            Fault::argument(text.join("\n"))
+        })?;
+        told.progress(0);
+        if sends && !lines.is_empty() {
+            drop(device.turn()?);
+            device.abort.store(false, Ordering::Relaxed);
+            let texts: Vec<&str> = lines.iter().map(|line| line.text.as_str()).collect();
+            let mut failed = None;
+            let options = LinesOptions { kind: "download", timeout: deadlines::PLAIN * 2, keep_going: false };
+            let mut hear = |reply: &RunLinesReply| {
+                let line = reply.line.and_then(|line| lines.get(usize::try_from(line).ok()?));
+                if let (Some(failure), Some(line)) = (&reply.failure, line) {
+                    failed = Some(format!("{}: {}: {}", line.place, failure.message, line.text));
+                }
+                reply.lines.iter().for_each(|line| told.message(line));
+                let percent = 100 * reply.taken / lines.len() as u64;
+                told.progress(i32::try_from(percent).unwrap_or(100));
+                !device.abort.load(Ordering::Relaxed)
+            };
+            let over = device.ask(|connection| connection.run_lines(options, &texts, &mut hear))?;
+            let notes = over.notes.join("; ");
+            if let Some(failed) = failed {
+                return Err(Fault::refused(failed));
+            }
+            if over.taken < lines.len() as u64 {
+                let (taken, all) = (over.taken, lines.len());
+                return Err(Fault::refused(format!("the board has taken {taken} of {all} lines; {notes}")));
+            }
+            over.notes.iter().for_each(|note| told.message(note));
+        }
+        told.progress(100);
+        Ok(())
+    });
+    if let Err(fault) = &done {
+        told.message(&fault.why);
+    }
+    done
+}
+
+/// Ends a download after the line under way.
+pub(crate) fn abort(number: u32) -> Result<(), Fault> {
+    with(number, |device| {
+        device.abort.store(true, Ordering::Relaxed);
+        Ok(())
+    })
+}
