@@ -1,4 +1,4 @@
-//! Turns program files into lines for the board.
+//! Turns program files into lines for the board (layer 1).
 //!
 //! The host resolves comments, names and includes; the board knows none of them. `;` and `//` start a comment; `/*` and
 //! `*/` enclose a comment, also over several lines. The directives are `#include "FILE"` (relative to the including

@@ -37,14 +37,14 @@ pub use board::gather::{GatherChunk, GatherFollower, GatherPhase, GatherRun, Tak
 pub use board::user::{UserData, UserValues};
 pub use board::variables::{Variable, VariableTable};
 pub use board::{Board, ClientError, History, Snapshot, socket_path};
-pub use command::rotary::RotaryPlace;
+pub use command::rotary::{RotaryLine, RotaryPlace};
 pub use command::variables::VariableWatch;
 pub use command::{CommandError, Connection, Messages};
 pub use follow::{Follower, Gap, Step};
 pub use hold::HeldJog;
 pub use motor::Motor;
 pub use own_buffer::OwnBuffer;
-pub use rotary_feed::{RotaryFeed, RotaryLine};
+pub use rotary_feed::RotaryFeed;
 #[cfg(feature = "serial")]
 pub use serial::{SerialError, SerialLine};
 pub use view::{Staleness, View};

@@ -8,13 +8,10 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use super::command::rotary::send_call;
+use super::command::rotary::{RotaryLine, send_call};
 use super::command::{CommandError, Connection, MARGIN};
 use crate::protocol::CallError;
 use crate::protocol::board::{Done, RotaryStateReply, RotaryStopReply};
-
-/// The commands of a line, two words of 24 bits each.
-pub type RotaryLine = Vec<(u32, u32)>;
 
 /// Most commands of a batch: they fit in a call even with one command a line.
 const BATCH_COMMANDS: usize = 1024;

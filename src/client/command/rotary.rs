@@ -3,13 +3,15 @@
 use std::time::Duration;
 
 use super::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN, milliseconds};
-use crate::client::rotary_feed::RotaryLine;
 use crate::map::HostOffset;
 use crate::protocol::board::{Done, RotaryStartReply, RotaryStateReply, RotaryStopReply};
 use crate::protocol::calls::{self, LeftLines};
 
 /// More than the daemon gives the lines of the set-up or of the end, even if the board answers all of them late.
 const SET_UP_WITHIN: Duration = Duration::from_secs(60);
+
+/// The commands of a line, two words of 24 bits each.
+pub type RotaryLine = Vec<(u32, u32)>;
 
 /// A binary rotary buffer's place, its coordinate system, and the course of the stream. Without start or size the
 /// stream takes the daemon's own room.
