@@ -372,12 +372,13 @@ fn words(page: &str) -> usize {
 fn pages_stay_as_short_as_they_are() {
     for (page, most) in [
         ("README.md", 1000),
-        ("CHANGELOG.md", 380),
+        ("CHANGELOG.md", 391),
         ("CONTRIBUTING.md", 900),
         ("docs/guide.md", 4535),
         ("docs/operations.md", 3140),
         ("docs/first-board.md", 2600),
-        ("docs/moving.md", 700),
+        ("docs/moving.md", 735),
+        ("docs/pcomm32.md", 3150),
         ("docs/web.md", 450),
         ("python/README.md", 700),
         ("docs/assurance.md", 1640),

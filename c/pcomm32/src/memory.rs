@@ -202,7 +202,7 @@ mod tests {
             stale_after_ns: 0,
             published: 1,
             blocks: BlockPlace { start: 4, stride: 8, count: 4 },
-            selection: Selection::new([0..2], [1, 2]),
+            selection: Selection::new(std::iter::once(0..2), [1, 2]),
         };
         let payload: Vec<u16> = (0..20).collect();
         let read = |offset, count| of_report(&region, &payload, HostOffset::new(offset), count);

@@ -372,7 +372,7 @@ mod tests {
             ("WAIT", ILLEGAL),
             ("SEND\"x\"", ILLEGAL),
             ("X(P1)", CONVERSION),
-            ("@", SYNTAX),
+            ("~", SYNTAX),
             ("HELLO", SYNTAX),
         ] {
             assert_eq!(first_code(text), code, "{text}");

@@ -9,7 +9,6 @@ use serde_json::json;
 
 use super::check::check;
 use super::differences::{differences, document, entries, held_of};
-use crate::preprocess::shown;
 use crate::cli::console::sink;
 use crate::cli::console::{board_of, confirm, note, sending};
 use crate::cli::context::{Context, Failure, Verdict};
@@ -20,6 +19,7 @@ use crate::cli::files::sequence::{begin, left};
 use crate::cli::files::settings_file::{Entry, Item, keep_address};
 use crate::client::Connection;
 use crate::language::Meaning;
+use crate::preprocess::shown;
 use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
 use crate::rotary::same_line;
 

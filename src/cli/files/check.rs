@@ -8,9 +8,9 @@ use clap::ValueEnum;
 use super::differences::{differences, document, entries, held_of};
 use super::saved::{What, is_there, name, others};
 use super::settings_file::{Entry, Item};
-use crate::preprocess::shown;
 use crate::cli::console::note;
 use crate::cli::context::{Context, Failure, Verdict};
+use crate::preprocess::shown;
 
 /// The most differences in the list of a check.
 const LISTED: usize = 20;

@@ -11,10 +11,10 @@ use super::saved::{finish, name};
 use super::sequence::begin;
 use super::settings_file::{Entry, Item, parse};
 use crate::cli::console::input::read;
-use crate::preprocess::shown;
 use crate::cli::context::{Context, Failure};
 use crate::format::file_text;
 use crate::map::IVariables;
+use crate::preprocess::shown;
 
 /// Largest file. All variables of any board fit.
 const LARGEST_FILE: u64 = 16 << 20;

@@ -12,12 +12,12 @@ use serde_json::json;
 use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled};
 use super::stream::{check_system, own_buffer};
 use crate::cli::args::values::number;
-use crate::preprocess::shown;
 use crate::cli::console::note;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Connection, RotaryFeed, RotaryPlace};
 use crate::map::DEFAULT_FAMILY;
 use crate::map::readings::RotaryCode2;
+use crate::preprocess::shown;
 use crate::rotary::{Item, Line, Program, Settings, compile, decompile};
 
 /// The commands whose code may be in two places, and others of each kind.

@@ -13,9 +13,9 @@ use self::source::{Format, compiled, read, warn};
 use self::stream::Stream;
 use self::words::{pairs, words};
 use crate::cli::args::values::family;
-use crate::preprocess::shown;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::map::Family;
+use crate::preprocess::shown;
 use crate::rotary::{Settings, decompile};
 
 #[derive(Debug, Args)]

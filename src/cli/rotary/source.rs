@@ -6,11 +6,11 @@ use clap::Args;
 use serde::Deserialize;
 
 use crate::cli::console::input;
-use crate::preprocess::shown;
 use crate::cli::console::note;
 use crate::cli::context::Failure;
 use crate::client::{Connection, circles};
 use crate::map::readings::RotaryCode2;
+use crate::preprocess::shown;
 use crate::rotary::{Compiled, Line, Program, Refused, Report, Settings, compile, compile_stream};
 
 /// Largest file: above any machine's program and below the memory.

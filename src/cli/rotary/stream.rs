@@ -11,12 +11,12 @@ use serde_json::json;
 
 use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled_stream};
 use crate::cli::args::values::number;
-use crate::preprocess::shown;
 use crate::cli::console::{Interrupt, Progress, note};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Connection, RotaryFeed, RotaryLine, RotaryPlace};
 use crate::map::status::reply_has;
 use crate::map::{Family, TypedAddress};
+use crate::preprocess::shown;
 use crate::protocol::board::{RotaryStateReply, RotaryStopReply};
 use crate::protocol::calls::LeftLines;
 use crate::rotary::Program;
