@@ -123,6 +123,11 @@ mod tests {
     }
 
     #[test]
+    fn the_example_is_the_default() {
+        assert_eq!(read(include_str!("../pcomm32.toml.example"), &[]), read("", &[]));
+    }
+
+    #[test]
     fn without_a_configuration_device_0_is_pmac0() {
         let config = read("", &[]).unwrap();
         assert_eq!(config.devices[0], Some(Daemon::Name("pmac0".to_owned())));

@@ -2,7 +2,7 @@
 //!
 //! Old data are an error: a number that a program cannot tell from a live one would be taken for it.
 
-use pmac_dpram::client::{Motor, Snapshot, View, identity};
+use pmac_dpram::client::{Motor, Snapshot, Staleness, View, identity};
 use pmac_dpram::decode::{BackgroundData, CoordinateSystem, Quantity, ServoData};
 use pmac_dpram::map::{Family, Generation};
 
@@ -12,15 +12,21 @@ use crate::fault::Fault;
 use crate::process::{self, with};
 use crate::{memory, variables};
 
+/// What makes the board send its reports.
 const TO_ENABLE: &str = "pmacctl setup enable servo background, once";
 
 fn live<'a, T>(view: Option<&'a View<T>>, snapshot: &Snapshot, report: &str) -> Result<&'a T, Fault> {
-    let old = |why: String| Fault::refused(format!("the {report} report is not live: {why}; {TO_ENABLE}"));
-    let view = view.ok_or_else(|| match snapshot.stale {
-        Some(stale) => old(stale.to_string()),
-        None => old("the board has sent none yet".to_owned()),
-    })?;
-    view.stale.map_or(Ok(&view.data), |stale| Err(old(stale.to_string())))
+    let stale = match view {
+        Some(View { stale: None, data, .. }) => return Ok(data),
+        Some(view) => view.stale,
+        None => snapshot.stale,
+    };
+    let why = match stale {
+        Some(Staleness::Off) => format!("pmacd does not use it: {TO_ENABLE}"),
+        Some(stale) => stale.to_string(),
+        None => format!("the board has sent none: {TO_ENABLE}"),
+    };
+    Err(Fault::refused(format!("the {report} report is not live: {why}")))
 }
 
 /// The number of a motor or coordinate system, from 1, that a program calls `index`.
@@ -54,9 +60,8 @@ pub(crate) fn motor<T>(
         let motors = Motor::all(servo, background, &snapshot.identity, family(snapshot)?);
         let motor = motors.iter().find(|motor| motor.servo.motor == wanted);
         let motor = motor.ok_or_else(|| Fault::refused(format!("the reports have no motor {wanted}")))?;
-        pick(motor, snapshot).ok_or_else(|| {
-            Fault::refused(format!("motor {wanted}: the live reports have no such word; {TO_ENABLE}"))
-        })
+        pick(motor, snapshot)
+            .ok_or_else(|| Fault::refused(format!("motor {wanted}: the live reports have no such word")))
     })
 }
 
