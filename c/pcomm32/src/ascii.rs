@@ -160,3 +160,38 @@ pub(crate) fn flush(number: u32) -> Result<(), Fault> {
         Ok(())
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn strings(lines: &[&str]) -> Vec<String> {
+        lines.iter().map(|line| (*line).to_owned()).collect()
+    }
+
+    #[test]
+    fn one_text_may_have_several_lines_and_a_control_character_is_one() {
+        assert_eq!(lines(b"open prog 1\nclear\r\n\n close \n"), ["open prog 1", "clear", "close"]);
+        // `^K` and `^L` pass for blanks elsewhere.
+        assert_eq!(lines(b"\x0B"), ["\x0B"]);
+        assert_eq!(lines(b"\x0C\r"), ["\x0C"]);
+        assert!(lines(b"").is_empty() && lines(b" \r\n").is_empty());
+    }
+
+    #[test]
+    fn the_cr_of_each_line_is_part_of_the_reply_and_of_the_count() {
+        assert_eq!(text(&strings(&["5", "-0.5"])), b"5\r-0.5\r");
+        assert!(text(&[]).is_empty());
+        assert_eq!(text(&strings(&["\u{b0}\u{20ac}"])), [0xB0, b'?', b'\r']);
+    }
+
+    #[test]
+    fn the_status_has_the_end_unless_the_reply_was_cut() {
+        let reply = Ok(b"12345\r".to_vec());
+        assert_eq!(status(&reply, 6), 0x8000_0006);
+        assert_eq!(status(&reply, 3), 3);
+        assert_eq!(status(&Ok(Vec::new()), 0), 0x8000_0000);
+        assert_eq!(status(&Err(Fault::argument("x")), 5), 0xF000_0005);
+        assert_eq!(status(&Err(Fault::refused("x")), 7), 0xE000_0007);
+    }
+}

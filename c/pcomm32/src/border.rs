@@ -8,7 +8,7 @@ use std::ffi::{c_char, c_void};
 use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::{copy_nonoverlapping, slice_from_raw_parts};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 /// Exports functions. Each answers its value of failure if its body panics.
 macro_rules! exports {
@@ -186,7 +186,8 @@ impl Memory {
 /// Says `text` on standard error, once for each `key`.
 pub(crate) fn say_once(key: &'static str, text: &str) {
     static SAID: Mutex<BTreeSet<&str>> = Mutex::new(BTreeSet::new());
-    if SAID.lock().unwrap_or_else(PoisonError::into_inner).insert(key) {
+    // A fork may have copied a locked lock: then the child says nothing.
+    if SAID.try_lock().is_ok_and(|mut said| said.insert(key)) {
         // A program without standard error loses nothing else.
         let _ = writeln!(std::io::stderr(), "libPComm32W: {text}");
     }

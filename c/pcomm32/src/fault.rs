@@ -151,3 +151,36 @@ pub(crate) fn lacks(device: Option<u32>, name: &'static str) {
         keep(device, Some(&Fault { kind: Kind::Lacking, why, lines: Vec::new() }));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refusal_an_unknown_outcome_and_a_daemon_that_is_gone_differ_in_every_form() {
+        let board = CallError::Board { code: 3, meaning: "unknown".to_owned(), lines: vec!["7".to_owned()] };
+        let permitted = CallError::NotPermitted { role_needed: "engineer".to_owned() };
+        let late = CallError::TimedOut { lines: Vec::new() };
+        let away = CommandError::Connect { path: "x".into(), source: std::io::ErrorKind::NotFound.into() };
+        for (error, number, bits, reply) in [
+            (board.into(), 3, 0xE000_0000, "7\rERR003\r"),
+            (permitted.into(), 2, 0xE000_0000, "ERR002\r"),
+            (late.into(), -1, 0xC000_0000, "TIMEOUT\r"),
+            (away, -2, 0xF000_0000, "FAIL\r"),
+        ] {
+            let fault = Fault::from(error);
+            assert_eq!((fault.number(), fault.bits(), fault.reply().as_str()), (number, bits, reply));
+            assert!(!fault.why.is_empty());
+        }
+    }
+
+    #[test]
+    fn each_device_keeps_its_last_outcome_and_others_have_none() {
+        keep(3, Some(&Fault::argument("x")));
+        assert!(last(3).is_some() && last(4).is_none());
+        keep(3, None);
+        assert!(last(3).is_none());
+        assert_eq!(last(8).map(|fault| fault.number()), Some(-3));
+        keep(99, Some(&Fault::argument("x")));
+    }
+}

@@ -5,8 +5,8 @@
 //! |---|---|
 //! | 0 | `border`: all that C hands over, and all `unsafe` · `fault`: how calls fail · `config`: which board a device is |
 //! | 1 | `device`: one device of this process · `process`: the devices of each process |
-//! | 2 | `ascii`: lines and replies · `variables` · `memory`: the DPRAM by byte offset · `status`: the board's reports |
-//! | 3 | `exports`: the 246 names |
+//! | 2 | `ascii`: lines and replies · `variables` · `memory`: the DPRAM by byte offset · `status`: the board's reports · `rotary`: streams of motion programs · `download`: program files · `texts`: of the board's programs, and callbacks |
+//! | 3 | `exports`: the names, with the vendor's prototypes |
 //!
 //! # Invariants
 //! * `unsafe` lives in `border.rs` alone.
