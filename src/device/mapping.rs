@@ -1,4 +1,5 @@
-//! The only mapping of hardware, and every access to it; and the descriptors that this process inherited.
+//! The only mapping of hardware, and every access to it; the request that sets a bridge's window; and the descriptors
+//! that this process inherited.
 //!
 //! The board writes this memory, too, so no reference or slice points to it. Each access is one instruction on an
 //! aligned address, of exactly 16 bits; of 32 bits where the board takes them; of 8 bits for byte registers. The
@@ -8,7 +9,7 @@
 
 use std::fs::File;
 use std::io;
-use std::os::fd::{FromRawFd, OwnedFd, RawFd};
+use std::os::fd::{AsRawFd, FromRawFd, OwnedFd, RawFd};
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use memmap2::{MmapOptions, MmapRaw};
@@ -202,6 +203,17 @@ impl Mapping {
         // SAFETY: skip + offset < skip + length, the length of the mapping.
         Some(unsafe { self.map.as_mut_ptr().add(self.skip + offset) })
     }
+}
+
+mod vme_user {
+    nix::ioctl_write_ptr!(set_master, 0xAE, 4, [u8; 32]);
+}
+
+/// Has vme_user set the master window behind `node`; `master` is the kernel's `struct vme_master`.
+pub(in crate::device) fn set_vme_master(node: &File, master: &[u8; 32]) -> nix::Result<()> {
+    // SAFETY: the request's number holds the argument's size, and the kernel copies these 32 bytes and keeps no pointer to
+    // them. A driver without this request refuses it.
+    unsafe { vme_user::set_master(node.as_raw_fd(), master) }.map(drop)
 }
 
 /// The size of a page in bytes.

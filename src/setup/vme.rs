@@ -15,6 +15,9 @@ pub const MAILBOX_BYTES: u32 = crate::map::mailbox::LENGTH as u32;
 pub const PAGE_SELECT: u32 = crate::map::mailbox::PAGE_SELECT as u32;
 /// Address-modifier bits that do not matter: the board takes supervisor and user accesses alike.
 const MODIFIER_IGNORED: u32 = 0x04;
+/// The multiple at which the windows of a Tsi148 begin and end; its driver refuses others
+/// (drivers/staging/vme_user/vme_tsi148.c).
+const BRIDGE_STEP: u32 = 0x1_0000;
 
 /// How many address lines the board decodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,7 +31,9 @@ pub enum AddressBits {
 }
 
 impl AddressBits {
-    const fn count(self) -> u32 {
+    /// Their number.
+    #[must_use]
+    pub const fn count(self) -> u32 {
         match self {
             Self::A16 => 16,
             Self::A24 => 24,
@@ -70,6 +75,17 @@ pub struct VmeSetup {
     pub vector: u32,
     /// Which registers the board has.
     pub generation: Generation,
+}
+
+/// The part of the VME bus that a bridge shows to the host.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BridgeWindow {
+    /// Its first bus address.
+    pub address: u32,
+    /// Its bytes.
+    pub size: u32,
+    /// The address lines of its accesses.
+    pub address_bits: AddressBits,
 }
 
 /// A set-up that is not possible, and why.
@@ -171,15 +187,32 @@ impl VmeSetup {
                 .map(|(n, value)| format!("I{}=${value:02X}", 90 + n))
                 .collect(),
         };
-        let page = self
-            .dpram
-            .map(|dpram| BusWrite { address: self.mailbox + PAGE_SELECT, value: (dpram >> 14 & 0x3F) as u8 });
         Ok(SetupPlan {
             commands: with_save_and_reset(commands),
-            after_reset: Some(page.into_iter().collect()),
+            after_reset: Some(self.page().into_iter().collect()),
             values: self.values(),
             warnings: self.warnings(),
         })
+    }
+
+    /// A19-A14 of the DPRAM, as the host writes them after every reset.
+    #[must_use]
+    pub fn page(&self) -> Option<BusWrite> {
+        let at = self.mailbox.saturating_add(PAGE_SELECT);
+        self.dpram.map(|dpram| BusWrite { address: at, value: (dpram >> 14 & 0x3F) as u8 })
+    }
+
+    /// The smallest window of a bridge that shows mailboxes and DPRAM.
+    ///
+    /// # Errors
+    /// As [`plan`](Self::plan).
+    pub fn window(&self) -> Result<BridgeWindow, VmeError> {
+        self.check()?;
+        let last = self.dpram.map_or(0, last_of_window).max(self.mailbox + MAILBOX_BYTES - 1);
+        let address = self.dpram.unwrap_or(self.mailbox).min(self.mailbox) & !(BRIDGE_STEP - 1);
+        // Mailboxes and DPRAM share A31-A24, so the window has at most 16 MiB.
+        let size = (last | (BRIDGE_STEP - 1)) - address + 1;
+        Ok(BridgeWindow { address, size, address_bits: self.address_bits })
     }
 
     /// The ten registers, from X:$0783 (I90) on.

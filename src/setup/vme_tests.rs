@@ -33,6 +33,24 @@ fn the_manuals_example() {
 }
 
 #[test]
+fn a_window_shows_both_parts_in_steps_of_64_kib() {
+    let window = |mailbox, dpram, address_bits| {
+        let window = VmeSetup { mailbox, dpram, address_bits, ..MANUAL }.window().unwrap();
+        (window.address, window.size)
+    };
+    let a24 = AddressBits::A24;
+    assert_eq!(window(0x7F_A000, Some(0x1F_C000), a24), (0x1F_0000, 0x61_0000));
+    assert_eq!(window(0x7F_A000, Some(0x7F_C000), a24), (0x7F_0000, 0x1_0000));
+    assert_eq!(window(0x70_0000, Some(0xFF_C000), a24), (0x70_0000, 0x90_0000));
+    assert_eq!(window(0x7F_A000, None, a24), (0x7F_0000, 0x1_0000));
+    assert_eq!(window(0xFE00, Some(0), AddressBits::A16), (0, 0x1_0000));
+    let a32 = AddressBits::A32;
+    assert_eq!(window(0xFF00_0000, Some(0xFFFF_C000), a32), (0xFF00_0000, 0x100_0000));
+    let error = VmeSetup { mailbox: 0x7F_A100, ..MANUAL }.window().unwrap_err();
+    assert!(error.to_string().contains("not a multiple of 512"), "{error}");
+}
+
+#[test]
 fn a_board_without_dpram() {
     let plan = VmeSetup { dpram: None, ..MANUAL }.plan().unwrap();
     assert_eq!(plan.commands[0], "WX$0783,$39,$4,$0,$7F,$A0,$02,$A1,$00,$60,$10");

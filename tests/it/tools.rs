@@ -30,6 +30,9 @@ fn set_up_lines_and_absolute_words_need_no_daemon() {
         ("setup isa --address 0xEC000 --send --baud 9600", "--port"),
         ("setup isa --address 0xEC000 --send --yes --port /dev/null", "/dev/null: not a serial line"),
         ("setup isa --address 0xEC000 --send --yes --port /dev/null --baud 31", "31 baud"),
+        ("setup vme --mailbox 0x7FA000 --window /dev/null", "/dev/null: it is no master window of vme_user"),
+        ("setup vme --mailbox 0x7FA100 --window /dev/null", "not a multiple of 512"),
+        ("setup vme --mailbox 0x7FA000 --window /dev/null --send", "leave --send out"),
         ("setup enable everything", "everything"),
         ("absolute --ixx10 0x78D00 --ixx95 0x330000", "format code $33"),
     ] {

@@ -1,6 +1,7 @@
 //! `pmacctl setup`: computes and explains the lines that set up a board. `setup/send.rs` sends them.
 
 use std::fmt::Write;
+use std::path::PathBuf;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
@@ -80,6 +81,10 @@ pub struct Vme {
     /// The middle one of the three interrupt vectors, odd
     #[arg(long, value_name = "VECTOR", default_value = "0xA1", value_parser = parse)]
     pub vector: u32,
+    /// Instead of printing lines: have this host's bridge show mailboxes and DPRAM at this node of vme_user, as
+    /// /dev/bus/vme/m0, and print pmacd's configuration
+    #[arg(long, value_name = "NODE")]
+    pub window: Option<PathBuf>,
     #[command(flatten)]
     pub board: OfBoard,
 }
@@ -153,7 +158,7 @@ impl SetupCommand {
 pub fn answer(command: &SetupCommand, servo_runs: bool) -> Result<Explanation, String> {
     let plan = match command {
         SetupCommand::Isa(options) => options.plan()?,
-        SetupCommand::Vme(options) => options.plan()?,
+        SetupCommand::Vme(options) => options.setup().plan().map_err(|error| error.to_string())?,
         SetupCommand::Enable(options) => {
             let plan = options.plan(servo_runs)?;
             return Ok(Explanation::of(&plan, enable_text(&plan))?.with(plan.commands));
@@ -174,11 +179,11 @@ impl Isa {
 }
 
 impl Vme {
-    fn plan(&self) -> Result<SetupPlan, String> {
+    /// The wanted settings.
+    pub fn setup(&self) -> VmeSetup {
         let Self { mailbox, dpram, address_bits, irq_level, vector, .. } = *self;
         let generation = self.board.known().generation;
-        let setup = VmeSetup { mailbox, dpram, address_bits, irq_level, vector, generation };
-        setup.plan().map_err(|error| error.to_string())
+        VmeSetup { mailbox, dpram, address_bits, irq_level, vector, generation }
     }
 }
 

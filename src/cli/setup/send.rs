@@ -6,8 +6,8 @@ use std::time::Duration;
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
-use super::lines::{self as setup, SetupCommand};
-use super::user;
+use super::lines::{self as setup, SetupCommand, Vme};
+use super::{user, window};
 use crate::cli::act::lines::LineError;
 use crate::cli::console::{board_of, confirm, note, sending as question};
 use crate::cli::context::{Context, Failure, Verdict};
@@ -36,7 +36,7 @@ pub struct Setup {
     pub sending: Sending,
 }
 
-/// What is set up: the board, or pmacd.
+/// What is set up: the board, the host's VME bridge, or pmacd.
 #[derive(Debug, Subcommand)]
 pub enum Part {
     #[command(flatten)]
@@ -72,6 +72,14 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
         }
         return user::run(context);
     };
+    if let SetupCommand::Vme(vme @ Vme { window: Some(node), .. }) = command {
+        if sending.send {
+            return Err(Failure::Request(
+                "--window sets this host's bridge and sends nothing: leave --send out".to_owned(),
+            ));
+        }
+        return print(context, &window::set(vme, node)?);
+    }
     let servo_runs = sending.send && sending.port.is_none() && servo_runs(context);
     let mut command = command.clone();
     let mut serial = match &sending.port {
