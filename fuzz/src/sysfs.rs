@@ -9,7 +9,7 @@ use pmac_dpram::device::board::open::open_window;
 use pmac_dpram::device::board::pci::{self, PciAddress, PciInfo};
 use pmac_dpram::device::machine::candidates::candidates;
 use pmac_dpram::device::machine::probe::{Verdict, probe_by};
-use pmac_dpram::device::system::kernel::{Lockdown, claim, configured, may_do_raw_io, release};
+use pmac_dpram::device::system::kernel::{Configuration, Lockdown, claim, may_do_raw_io, release};
 use pmac_dpram::device::uio::{UioDevice, UioInfo};
 use pmac_dpram::device::{BoardSpec, Bus, Inherited, OpenError, Place, System};
 use pmac_dpram::map::{HostOffset, PMAC};
@@ -208,7 +208,7 @@ fn look(system: &System, tape: &mut Tape<'_>) {
     let start = tape.u64() >> (tape.u8() & 63);
     let range = start..start.saturating_add(u64::from(tape.u32()));
     let _ = (claim(system, &range), Lockdown::of(system), may_do_raw_io(system), release(system));
-    let _ = configured(system, "STRICT_DEVMEM");
+    let _ = Configuration::of(system).value("STRICT_DEVMEM");
     if let Ok(text) = std::str::from_utf8(tape.rest())
         && let Ok(address) = text.parse::<PciAddress>()
     {

@@ -5,12 +5,20 @@ use crate::cli::context::Failure;
 use crate::device::board::memory;
 use crate::device::machine::candidates::{Candidate, Certainty, candidates};
 use crate::device::machine::probe::{Probe, Verdict, probe};
-use crate::device::system::kernel::{Lockdown, configured, release};
+use crate::device::system::kernel::{Configuration, Lockdown, is_iomem_relaxed, release};
 use crate::device::{Board, BoardSpec, FileBoard, System};
 use crate::map::{DEFAULT_FAMILY, Family, TURBO2};
 
-/// The kernel options that decide how a board can be opened.
-const OPTIONS: [&str; 5] = ["STRICT_DEVMEM", "IO_STRICT_DEVMEM", "UIO", "UIO_PCI_GENERIC", "VME_BUS"];
+/// A way to a board: how its specification begins, and the options of the kernel that it needs.
+type Way = (&'static str, &'static [&'static str]);
+/// The kinds of boards, each with the ways to one. docs/install.md has the same table.
+const KINDS: [(&str, &[Way]); 3] = [
+    ("PCI", &[("uio:", &["UIO", "UIO_PCI_GENERIC"]), ("pci:", &[])]),
+    ("ISA", &[("mem:", &["DEVMEM"]), ("uio:", &["UIO"])]),
+    ("VME", &[("uio:", &["UIO", "VME_BUS"]), ("vme:", &["VME_BUS", "VME_USER"]), ("mem:", &["DEVMEM"])]),
+];
+/// What these refuse of `mem:` and `pci:`: main memory, and what a driver has claimed.
+const REFUSING: [&str; 2] = ["STRICT_DEVMEM", "IO_STRICT_DEVMEM"];
 /// The usual addresses of an ISA board's DPRAM: the factory's (Turbo User Manual p. 399), and the address that a
 /// Windows program for both families sets (I93=$D, I94=$5).
 const USUAL_ISA: [&str; 2] = ["mem:0xD4000", "mem:0xD0000"];
@@ -46,19 +54,44 @@ pub fn boards(report: &mut Report, system: &System) {
 
 fn kernel(report: &mut Report, system: &System) {
     let release = release(system).unwrap_or_else(|| "unknown".to_owned());
-    let options =
-        OPTIONS.map(|option| format!("{option}={}", configured(system, option).as_deref().unwrap_or("?")));
-    let options = options.join(" ");
-    match Lockdown::of(system) {
+    let configuration = Configuration::of(system);
+    let states = |options: &[&str]| {
+        let state = |option: &&str| format!("{option}={}", configuration.value(option).unwrap_or("?"));
+        options.iter().map(state).collect::<Vec<_>>().join(" ")
+    };
+    let relaxed = if is_iomem_relaxed(system) { ", iomem=relaxed" } else { "" };
+    let options = states(&REFUSING);
+    let lockdown = Lockdown::of(system);
+    match &lockdown {
         Lockdown::On(mode) => {
             let text = format!(
-                "{release}, locked down ({mode}): only UIO devices can be mapped, and uio_pci_generic gives no interrupts; {options}"
+                "{release}, locked down ({mode}): only UIO devices can be mapped, and uio_pci_generic gives no interrupts; {options}{relaxed}"
             );
             report.warn("kernel", text);
         }
-        Lockdown::Off => report.ok("kernel", format!("{release}, not locked down; {options}")),
+        Lockdown::Off => report.ok("kernel", format!("{release}, not locked down; {options}{relaxed}")),
         Lockdown::Unknown => {
-            report.ok("kernel", format!("{release}, without lockdown support; {options}"));
+            report.ok("kernel", format!("{release}, without lockdown support; {options}{relaxed}"));
+        }
+    }
+    let is_open = |(way, options): &Way| {
+        let is_there = |option: &&str| configuration.value(option) != Some("n");
+        options.iter().all(is_there) && (*way == "uio:" || lockdown.mode().is_none())
+    };
+    for (kind, ways) in KINDS {
+        let told = |(way, options): &Way| {
+            format!("{way} {}", if options.is_empty() { "no option".to_owned() } else { states(options) })
+        };
+        let text = format!("{kind} board: {}", ways.iter().map(told).collect::<Vec<_>>().join("; "));
+        if ways.iter().any(is_open) {
+            report.ok("kernel", text);
+        } else {
+            report.warn(
+                "kernel",
+                format!(
+                    "{text}; none of these is open on this kernel: see \"Kernel options\" in docs/install.md"
+                ),
+            );
         }
     }
 }

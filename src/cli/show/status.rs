@@ -307,7 +307,8 @@ fn socket_lines(socket: &Value, mut say: impl FnMut(&str, String)) {
     let port = match &socket["command_port"] {
         _ if !taken => "off by the daemon's configuration",
         Value::String(port) if port == "mailbox" => "through the VME mailboxes",
-        _ => "through the DPRAM",
+        _ if enabled.iter().any(|name| name == "interrupt") => "through the DPRAM",
+        _ => "through the DPRAM; no interrupt comes, so replies are polled for",
     };
     say("command lines", port.to_owned());
     for fault in socket["port_faults"].as_array().into_iter().flatten() {
@@ -358,5 +359,20 @@ mod tests {
         let told = warnings(Some("PMAC1, STD, BATTERY, PID, CLK X1"));
         assert!(told.len() == 1 && told[0].1.contains("PMAC STD"), "{told:?}");
         assert!(warnings(Some("PMAC1, ISA, FLASH")).is_empty() && warnings(None).is_empty());
+    }
+
+    #[test]
+    fn replies_without_an_interrupt_are_told_as_polled() {
+        let told = |enabled: &[&str]| {
+            let mut said = String::new();
+            let socket = json!({"enabled": enabled, "functions": ["ascii"], "command_port": "dpram"});
+            socket_lines(&socket, |title, text| said += &format!("{title}: {text}\n"));
+            said
+        };
+        let port = "command lines: through the DPRAM";
+        assert!(told(&["ascii", "interrupt"]).contains(&format!("{port}\n")));
+        assert!(
+            told(&["ascii"]).contains(&format!("{port}; no interrupt comes, so replies are polled for\n"))
+        );
     }
 }

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use crate::device::system::System;
-use crate::device::system::kernel::{PCI_DEVICES, configured};
+use crate::device::system::kernel::{Configuration, PCI_DEVICES};
 use crate::device::uio::{CLASS, UioInfo};
 use crate::device::{BoardSpec, Place};
 
@@ -59,9 +59,9 @@ pub fn facts(system: &System, board: Option<&BoardSpec>) -> BTreeMap<String, Str
     }
     let text = |path: &String| Some(system.text(path).ok()?.chars().take(LONGEST_FACT).collect::<String>());
     let files = paths.iter().filter_map(|path| Some((path.clone(), text(path)?)));
-    let options =
-        OPTIONS.iter().filter_map(|option| Some((format!("CONFIG_{option}"), configured(system, option)?)));
-    files.chain(options).collect()
+    let configuration = Configuration::of(system);
+    let value = |option: &&str| Some((format!("CONFIG_{option}"), configuration.value(option)?.to_owned()));
+    files.chain(OPTIONS.iter().filter_map(value)).collect()
 }
 
 fn below<'a>(directory: &'a str, names: &'a [&str]) -> impl Iterator<Item = String> + 'a {

@@ -129,15 +129,44 @@ pub fn release(system: &System) -> Option<String> {
     system.text("/proc/sys/kernel/osrelease").ok()
 }
 
-/// The kernel's build configuration of `option`: its value (`y`, `m`) or `n`; `None` when the configuration cannot be
-/// read.
+/// The kernel's command line has `iomem=relaxed`, which lifts IO_STRICT_DEVMEM.
 #[must_use]
-pub fn configured(system: &System, option: &str) -> Option<String> {
-    let release = release(system)?;
-    let places = [format!("/boot/config-{release}"), format!("/usr/lib/modules/{release}/config")];
-    let text = places.iter().find_map(|place| system.text(place).ok())?;
-    let prefix = format!("CONFIG_{option}=");
-    Some(text.lines().find_map(|line| line.strip_prefix(&prefix)).unwrap_or("n").to_owned())
+pub fn is_iomem_relaxed(system: &System) -> bool {
+    let line = system.text("/proc/cmdline").unwrap_or_default();
+    line.split_whitespace().any(|word| word == "iomem=relaxed")
+}
+
+/// The options that the kernel was built with.
+#[cfg(feature = "cli")]
+#[derive(Debug)]
+pub struct Configuration(Option<String>);
+
+#[cfg(feature = "cli")]
+impl Configuration {
+    /// Reads them from the kernel itself, or from the file that a distribution ships beside the kernel.
+    #[must_use]
+    pub fn of(system: &System) -> Self {
+        let release = release(system).unwrap_or_default();
+        let places = [format!("/boot/config-{release}"), format!("/usr/lib/modules/{release}/config")];
+        Self(own(system).or_else(|| places.iter().find_map(|place| system.text(place).ok())))
+    }
+
+    /// The value of `option` (`y`, `m`), or `n`; `None` when no configuration can be read.
+    #[must_use]
+    pub fn value(&self, option: &str) -> Option<&str> {
+        let value = |line| str::strip_prefix(line, "CONFIG_")?.strip_prefix(option)?.strip_prefix('=');
+        self.0.as_ref().map(|text| text.lines().find_map(value).unwrap_or("n"))
+    }
+}
+
+/// The options as a kernel built with IKCONFIG_PROC tells them.
+#[cfg(feature = "cli")]
+fn own(system: &System) -> Option<String> {
+    use std::io::Read;
+    let packed = std::fs::File::open(system.path("/proc/config.gz")).ok()?;
+    let mut text = String::new();
+    flate2::read::GzDecoder::new(packed).read_to_string(&mut text).ok()?;
+    Some(text)
 }
 
 #[cfg(test)]
@@ -209,17 +238,35 @@ mod tests {
         }
     }
 
+    #[cfg(feature = "cli")]
     #[test]
     fn an_option_that_does_not_stand_in_the_configuration_is_off() {
         let fake = FakeSystem::new();
-        assert_eq!(configured(&fake.system, "STRICT_DEVMEM"), None);
+        assert_eq!(Configuration::of(&fake.system).value("STRICT_DEVMEM"), None);
         fake.file("proc/sys/kernel/osrelease", "6.1.0-9-amd64\n");
         fake.file(
             "boot/config-6.1.0-9-amd64",
             "CONFIG_STRICT_DEVMEM=y\nCONFIG_UIO=m\n# CONFIG_VME_BUS is not set\n",
         );
-        for (option, value) in [("STRICT_DEVMEM", "y"), ("UIO", "m"), ("VME_BUS", "n")] {
-            assert_eq!(configured(&fake.system, option).as_deref(), Some(value));
+        for (option, value) in [("STRICT_DEVMEM", "y"), ("UIO", "m"), ("VME_BUS", "n"), ("DEVMEM", "n")] {
+            assert_eq!(Configuration::of(&fake.system).value(option), Some(value), "{option}");
+        }
+        // The kernel itself knows better than a file.
+        let own = std::fs::File::create(fake.path("proc/config.gz")).unwrap();
+        let mut own = flate2::write::GzEncoder::new(own, flate2::Compression::default());
+        std::io::Write::write_all(&mut own, b"CONFIG_VME_BUS=m\n").unwrap();
+        own.finish().unwrap();
+        assert_eq!(Configuration::of(&fake.system).value("VME_BUS"), Some("m"));
+    }
+
+    #[test]
+    fn iomem_is_relaxed_by_a_word_of_the_command_line() {
+        let fake = FakeSystem::new();
+        for (line, relaxed) in
+            [("quiet iomem=relaxed\n", true), ("iomem=strict", false), ("xiomem=relaxed", false)]
+        {
+            fake.file("proc/cmdline", line);
+            assert_eq!(is_iomem_relaxed(&fake.system), relaxed, "{line}");
         }
     }
 }
