@@ -88,6 +88,11 @@ fn the_kernels_options_stand_beside_the_kind_of_board_that_needs_them() {
          ok    kernel        ISA board: mem: DEVMEM=y; uio: UIO=m\n\
          ok    kernel        VME board: uio: UIO=m VME_BUS=n; vme: VME_BUS=n VME_USER=n; mem: DEVMEM=y\n"
     );
+    // docs/install.md has the same options.
+    let page = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/install.md")).unwrap();
+    for option in kernel().split_whitespace().filter_map(|word| Some(word.split_once('=')?.0)) {
+        assert!(page.contains(&format!("`{option}=")) || page.contains(&format!("`{option}`")), "{option}");
+    }
     // Locked down, and with UIO alone.
     file(root.path(), "sys/kernel/security/lockdown", "none [integrity] confidentiality\n");
     file(root.path(), "proc/cmdline", "quiet\n");
