@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-2.0
 /*
  * UIO device for the dual-ported RAM of a PMAC motion controller on an ISA bus: a window of physical memory and one
- * interrupt, as /dev/uioN named "pmac-dpram". PCI boards do not need this module: uio_pci_generic serves them. It gives
- * a VME board no interrupt: nobody acknowledges it on the bus, and the bridge's driver keeps the bridge's line.
+ * interrupt, as /dev/uioN named "pmac-dpram". PCI boards do not need this module: uio_pci_generic serves them. A VME
+ * card needs pmac_vme (vme/), because only the bridge's driver acknowledges an interrupt on the VME bus.
  *
  *   modprobe pmac_dpram phys=0xd4000 irq=7
  *   modprobe pmac_dpram phys=0xd4000,0xd8000 irq=7,5 ioport=0x210,0x220 controller=pmac,pmac2
