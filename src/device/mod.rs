@@ -32,6 +32,7 @@ pub use board::file::FileBoard;
 pub use board::open::{OpenedBoard, open};
 pub use board::replay::{OpenedReplay, ReplayBoard};
 pub use board::spec::{BoardSpec, Place, WindowSpec, without_paths};
+pub use board::vme_card::VmeCard;
 pub use board::window::WindowBoard;
 pub use bus::{Access, Board, Bus, BusError, ByteBus, ByteBusError, Presence};
 pub use decorators::counted::Counted;

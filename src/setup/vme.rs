@@ -8,6 +8,7 @@
 
 use super::{BusWrite, SetupPlan, SetupValue, WINDOW, last_of_window, with_save_and_reset};
 use crate::map::Generation;
+use crate::map::mailbox::page_of;
 
 /// The bytes that the mailbox chip occupies.
 pub const MAILBOX_BYTES: u32 = crate::map::mailbox::LENGTH as u32;
@@ -199,7 +200,7 @@ impl VmeSetup {
     #[must_use]
     pub fn page(&self) -> Option<BusWrite> {
         let at = self.mailbox.saturating_add(PAGE_SELECT);
-        self.dpram.map(|dpram| BusWrite { address: at, value: (dpram >> 14 & 0x3F) as u8 })
+        self.dpram.map(|dpram| BusWrite { address: at, value: page_of(dpram) })
     }
 
     /// The smallest window of a bridge that shows mailboxes and DPRAM.

@@ -3,7 +3,7 @@
 use serde::Deserialize;
 
 use super::span::Refusal;
-use crate::device::{ByteSpec, InterruptSource};
+use crate::device::{BoardSpec, ByteSpec, InterruptSource, System, VmeCard};
 use crate::function::host_port::{HostPort, Initialisation};
 use crate::function::mailbox::{EnableReplies, ErrorReport, MailboxSettings};
 use crate::map::{Controller, Family};
@@ -87,12 +87,48 @@ pub struct MailboxConfig {
     pub talk: MailboxSettings,
 }
 
+impl MailboxConfig {
+    /// The circuit of `board`: as the table says, or as the kernel describes a VME card. Lines may go through the
+    /// mailboxes if the daemon serves command lines at all (`lines`).
+    ///
+    /// # Errors
+    /// The key that is wrong, and how to write it.
+    pub fn decide(
+        table: Option<MailboxTable>,
+        board: &BoardSpec,
+        lines: bool,
+    ) -> Result<Option<Self>, Refusal> {
+        let Some(table) = table else {
+            return Ok(VmeCard::of(&System::here(), board).map(|card| Self::of_card(card, lines)));
+        };
+        let config = table.decide()?;
+        if config.when != MailboxUse::Never && !lines {
+            let text = "functions leaves \"ascii\" out, so the mailboxes can only set the page: write use = \"never\" in [mailbox]";
+            return Err(Refusal::of("mailbox.use", text));
+        }
+        Ok(Some(config))
+    }
+
+    /// The circuit of a card.
+    fn of_card(card: VmeCard, lines: bool) -> Self {
+        Self {
+            registers: card.registers,
+            when: if lines { MailboxUse::Fallback } else { MailboxUse::Never },
+            lane: Lane::default(),
+            vectors: lines.then_some(Vectors { taken: card.taken, reply: card.reply }),
+            dpram: None,
+            page: Some(card.page),
+            talk: MailboxSettings::default(),
+        }
+    }
+}
+
 impl MailboxTable {
     /// The settings of the table.
     ///
     /// # Errors
     /// The key that is wrong, and how to write it.
-    pub fn decide(self) -> Result<MailboxConfig, Refusal> {
+    fn decide(self) -> Result<MailboxConfig, Refusal> {
         let source = |key: &str, text: Option<String>| {
             let parse = |text: String| text.parse().map_err(|error| of(&format!("mailbox.{key}"), error));
             text.map(parse).transpose()
@@ -172,6 +208,23 @@ impl HostPortTable {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_card_needs_no_table() {
+        let card = VmeCard {
+            registers: "uio:/dev/uio2,map=1".parse().unwrap(),
+            taken: "uio:/dev/uio0".parse().unwrap(),
+            reply: "uio:/dev/uio1".parse().unwrap(),
+            page: 0x1B,
+        };
+        let config = MailboxConfig::of_card(card.clone(), true);
+        assert_eq!((config.when, config.lane, config.page), (MailboxUse::Fallback, Lane::Odd, Some(0x1B)));
+        assert_eq!(config.dpram, None, "v+1 is the interrupt of the board's own device");
+        let vectors = config.vectors.unwrap();
+        assert_eq!((vectors.taken, vectors.reply), (card.taken.clone(), card.reply.clone()));
+        let page_alone = MailboxConfig::of_card(card, false);
+        assert_eq!((page_alone.when, page_alone.vectors), (MailboxUse::Never, None));
+    }
     use crate::map::{FAMILIES, PMAC, PMAC2};
 
     fn mailbox(text: &str) -> Result<MailboxConfig, String> {

@@ -18,7 +18,7 @@ use super::checks::{
 use super::family::{self, FamilyKnown, Recognised};
 use super::mirrored::{BackgroundTable, ServoTable};
 use super::motors::{self, MotorNames, MotorTable};
-use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable, MailboxUse};
+use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable};
 use super::span::{Refusal, position};
 use super::user::{self, UserArea, UserTable};
 use crate::daemon::options::Options;
@@ -283,16 +283,11 @@ impl Settings {
         let shared = shared_functions(file.shared_functions, &functions)?;
         something_to_do(&functions, &servo)?;
         let unknown = known == FamilyKnown::Unknown;
-        let mailbox = file.mailbox.map(MailboxTable::decide).transpose()?;
-        if !functions.has(Function::Ascii) {
-            if mailbox.as_ref().is_some_and(|mailbox| mailbox.when != MailboxUse::Never) {
-                let text = "functions leaves \"ascii\" out, so the mailboxes can only set the page: write use = \"never\" in [mailbox]";
-                return Err(Refusal::of("mailbox.use", text));
-            }
-            if file.host_port.is_some() {
-                let text = "functions leaves \"ascii\" out, but [host_port] serves only its responses: add \"ascii\" or remove [host_port]";
-                return Err(Refusal::of("host_port", text));
-            }
+        let lines = functions.has(Function::Ascii);
+        let mailbox = MailboxConfig::decide(file.mailbox, board, lines)?;
+        if file.host_port.is_some() && !lines {
+            let text = "functions leaves \"ascii\" out, but [host_port] serves only its responses: add \"ascii\" or remove [host_port]";
+            return Err(Refusal::of("host_port", text));
         }
         let host_port = file.host_port.map(|table| table.decide(family)).transpose()?;
         let configured = BoardSettings {

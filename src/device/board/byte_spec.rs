@@ -24,6 +24,13 @@ pub struct ByteSpec {
     offset: u64,
 }
 
+impl ByteSpec {
+    /// Registers at the start of a UIO device's map.
+    pub(in crate::device) const fn in_map(node: PathBuf, map: u32) -> Self {
+        Self { place: BytePlace::Window(Place::Uio { node, map }), offset: 0 }
+    }
+}
+
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum BytePlace {
     /// A file in which a simulator provides the registers.

@@ -11,4 +11,5 @@ pub mod pci;
 pub mod replay;
 pub mod spec;
 pub mod vme;
+pub mod vme_card;
 pub mod window;

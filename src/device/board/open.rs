@@ -2,7 +2,7 @@
 
 use std::fs::File;
 
-use super::{exclusive_lock, memory, pci, vme};
+use super::{exclusive_lock, memory, pci, vme, vme_card};
 use crate::device::Board;
 use crate::device::board::spec::{Place, WindowSpec};
 use crate::device::board::window::WindowBoard;
@@ -90,7 +90,7 @@ pub(in crate::device) fn window(
     system: &System,
     inherited: &Inherited,
 ) -> Result<MappedWindow, OpenError> {
-    Ok(match place {
+    Ok(match &vme_card::place(system, place) {
         Place::Memory(address) => {
             let mapping = memory::map(system, inherited, address.saturating_add(offset), length)?;
             MappedWindow { mapping, node: None, witness: None, uio: None }
@@ -146,6 +146,16 @@ mod tests {
         for (text, brings) in [("uio:/dev/uio0", true), ("uio:/dev/uio0,irq=unix:/x", false)] {
             assert_eq!(open_text(&fake, text).unwrap().interrupt.is_some(), brings, "{text}");
         }
+    }
+
+    #[test]
+    fn a_vme_card_brings_its_window_and_its_interrupt() {
+        let fake = FakeSystem::new();
+        fake.uio(2, "pmac-vme0", 0x76_0000, 0x1_0000, 0xC000, 0x1_0000);
+        let mut card = open_text(&fake, "vme:/dev/uio2").unwrap();
+        card.bus.write16(HostOffset::new(0x100), 0x55AA).unwrap();
+        assert!(card.interrupt.is_some() && card.bus.length() == 0x4000);
+        assert_eq!(std::fs::read(fake.path("dev/uio2")).unwrap()[0xC100..0xC102], [0xAA, 0x55]);
     }
 
     #[test]

@@ -75,7 +75,7 @@ fn open(system: &System, node: &Path) -> Result<File, Why> {
     options.read(true).write(true).custom_flags((OFlag::O_SYNC | OFlag::O_CLOEXEC).bits());
     options.open(system.path(node)).map_err(|error| {
         let missing =
-            "the kernel needs a driver of the VME bridge and vme_user, which distributions do not build";
+            "the kernel needs a driver of the VME bridge and pmac_vme or vme_user, which distributions do not build";
         let permission = "have a udev rule give the node to user pmacd alone (mode 0600; pmacctl doctor --boards \
             prints the rule)";
         node_refused(system, node, error, missing, permission)

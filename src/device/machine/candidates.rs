@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::node_owner::{Holder, RULE_FILE, may_open, remark, rule_for_slot, rule_for_vme, rule_for_window};
 use crate::device::board::pci::{self, PciInfo};
+use crate::device::board::vme_card::is_card;
 use crate::device::system::System;
 use crate::device::uio::UioInfo;
 use crate::map::FAMILIES;
@@ -126,7 +127,7 @@ fn of_uio(system: &System, info: &UioInfo) -> Option<Candidate> {
         ),
         Certainty::Maybe => (rule_hint("uio"), Some(rule_for_window(map))),
     };
-    let found = Candidate::new(system, spec, certainty, what, &[(node_of(info), cure)])
+    let found = Candidate::new(system, spec, certainty, what, &[(info.node(), cure)])
         .with_driver(Some(info.name.clone()));
     Some(rule.into_iter().fold(found, Candidate::with_rule))
 }
@@ -158,11 +159,11 @@ fn of_pci(system: &System, device: &PciInfo, uio: Option<&UioInfo>) -> Option<Ca
     );
     // A UIO device that maps this very BAR needs only access to its node.
     let map = uio.and_then(|info| Some((info, info.maps.iter().find(|map| map.address == bar.range.start)?)));
-    let node = |info| (node_of(info), rule_hint("uio"));
+    let node = |info: &UioInfo| (info.node(), rule_hint("uio"));
     let (spec, files) = match (map, uio) {
         (Some((info, map)), _) => (uio_spec(info, map.number), vec![node(info)]),
         (None, Some(info)) => {
-            let spec = format!("pci:{address},bar={},irq=uio:{}", bar.number, node_of(info));
+            let spec = format!("pci:{address},bar={},irq=uio:{}", bar.number, info.node());
             (spec, vec![(resource, drop_in), node(info)])
         }
         (None, None) => (format!("pci:{address},bar={}", bar.number), vec![(resource, drop_in)]),
@@ -197,13 +198,12 @@ fn rule_hint(class: &str) -> String {
     )
 }
 
-fn node_of(info: &UioInfo) -> String {
-    format!("/dev/{}", info.device)
-}
-
 fn uio_spec(info: &UioInfo, map: u32) -> String {
-    let map = if map == 0 { String::new() } else { format!(",map={map}") };
-    format!("uio:{}{map}", node_of(info))
+    match map {
+        0 if is_card(info) => format!("vme:{}", info.node()),
+        0 => format!("uio:{}", info.node()),
+        map => format!("uio:{},map={map}", info.node()),
+    }
 }
 
 #[cfg(test)]
@@ -264,6 +264,17 @@ mod tests {
         std::fs::remove_file(fake.path("dev/uio1")).unwrap();
         let found = &candidates(&fake.system)[0];
         assert!(!found.usable && found.hints[0].contains("/dev/uio1 is not there"), "{found:?}");
+    }
+
+    #[test]
+    fn a_vme_card_is_one_board_although_it_has_three_uio_devices() {
+        let fake = FakeSystem::new();
+        for (number, name) in [(0, "pmac-vme0-taken"), (1, "pmac-vme0-reply")] {
+            fake.file(&format!("sys/class/uio/uio{number}/name"), name);
+        }
+        fake.uio(2, "pmac-vme0", 0x70_0000, 0x8000, 0x4000, 16);
+        fake.uio_map(2, 1, "mailbox", 0x7F_0000, 0xB000, 0xA000);
+        assert_eq!(specs(&fake), [("vme:/dev/uio2".to_owned(), Certainty::Likely)]);
     }
 
     #[test]

@@ -66,6 +66,19 @@ impl UioInfo {
         Some(Self { device: device.to_owned(), name, maps: maps.collect() })
     }
 
+    /// The kernel's description of the device of `node`, which may be a symbolic link to the device's own.
+    #[must_use]
+    pub fn at(system: &System, node: &Path) -> Option<Self> {
+        let real = std::fs::canonicalize(system.path(node)).unwrap_or_else(|_| node.to_owned());
+        Self::of(system, real.file_name().and_then(|name| name.to_str()).unwrap_or_default())
+    }
+
+    /// Its node.
+    #[must_use]
+    pub fn node(&self) -> String {
+        format!("/dev/{}", self.device)
+    }
+
     /// All UIO devices of the machine.
     #[must_use]
     pub fn all(system: &System) -> Vec<Self> {
@@ -189,16 +202,14 @@ impl UioDevice {
 
 /// The device of a node, which may be a symbolic link to it.
 fn find(system: &System, node: &Path) -> Result<UioInfo, Why> {
-    let real = std::fs::canonicalize(system.path(node)).unwrap_or_else(|_| node.to_owned());
-    let device = real.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-    if let Some(info) = UioInfo::of(system, device) {
+    if let Some(info) = UioInfo::at(system, node) {
         return Ok(info);
     }
     let there: Vec<String> =
         UioInfo::all(system).into_iter().map(|info| format!("{} ({})", info.device, info.name)).collect();
     let cure = if there.is_empty() {
-        "no UIO device is there: load the driver of the board (uio_pci_generic for PCI, the window driver for ISA \
-        and VME)"
+        "no UIO device is there: load the driver of the board (uio_pci_generic for PCI, pmac_dpram for ISA, \
+        pmac_vme for VME)"
             .to_owned()
     } else {
         format!("the UIO devices there are: {}", there.join(", "))
