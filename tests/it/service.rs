@@ -384,6 +384,11 @@ fn the_udev_rules_start_the_service_and_run_nothing() {
     for part in ["SYMLINK+=\"pmac%n\"", "TAG+=\"systemd\"", "pmacd@pmac%n.service"] {
         assert!(acting.contains(part), "{part}");
     }
+    let card = rules.lines().find(|line| line.starts_with("ATTR{name}==\"pmac-vme[0-9]\"")).unwrap();
+    for part in ["SYMLINK+=\"$attr{name}\"", "TAG+=\"systemd\"", "pmacd@$attr{name}.service"] {
+        assert!(card.contains(part), "{part}");
+    }
+    assert!(acting.starts_with("ATTR{name}!=\"pmac-vme*\""), "a card's devices have no number of their own");
     // Whoever opens a node writes to the board past every role: no group, and no owner by an id that other boards have too.
     let owned: Vec<&str> = rules.lines().filter(|line| line.contains("OWNER=")).collect();
     assert!(matches!(owned[..], [line] if line.starts_with("ATTR{name}==\"pmac*\"")), "{owned:?}");
