@@ -1,21 +1,24 @@
 //! Turns the simulated board's interrupt counts into pulses on an interrupt line of a virtual machine.
 //!
-//! `bridge SIMULATOR QTEST RAISE LOWER WAIT`: for every count that `pmac-sim --interrupt` tells, RAISE and LOWER go to QEMU's qtest
-//! socket. WAIT says what the board waits for, which is what keeps one interrupt from hiding in another:
+//! `bridge QTEST SIMULATOR RAISE LOWER WAIT...`: for every count that `pmac-sim --interrupt` tells, RAISE and LOWER go to QEMU's qtest
+//! socket; a board with several interrupts has four words for each. WAIT says what the board waits for, which is what keeps one
+//! interrupt from hiding in another:
 //!
 //! * `ended:SOCKET`: after the line was lowered, for a byte the guest writes to the board's interrupt controller. So does a
 //!   PMAC's 8259, whose line is an edge.
 //! * `served:DPRAM`: before it is lowered, for the host to have released the response (0x06D0), as a board with a level does.
 //!
-//! Stops with the simulator and prints `pulses=N unserved=N`.
+//! Stops with the simulator and prints `pulses=N unserved=N`, a line for each interrupt.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Error, Read, Write};
 use std::os::unix::fs::FileExt;
 use std::os::unix::net::UnixStream;
+use std::sync::{Mutex, PoisonError};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+const USAGE: &str = "usage: bridge QTEST SIMULATOR RAISE LOWER WAIT [SIMULATOR RAISE LOWER WAIT]...";
 /// How long QEMU may take to answer.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// How long the guest may take to serve an interrupt, however busy the machine is.
@@ -24,6 +27,9 @@ const SERVED: Duration = Duration::from_secs(2);
 const HOPELESS: u64 = 3;
 /// Set by the board with a response, cleared by the host that has it.
 const RESPONSE: u64 = 0x06D0;
+
+/// QEMU's socket, which takes one command at a time.
+type Qemu = Mutex<BufReader<UnixStream>>;
 
 /// What makes the line free for the next interrupt.
 enum Wait {
@@ -74,7 +80,8 @@ impl Wait {
 }
 
 /// Has QEMU do something, and waits until it has.
-fn tell(qemu: &mut BufReader<UnixStream>, what: &str) -> Result<(), Error> {
+fn tell(qemu: &Qemu, what: &str) -> Result<(), Error> {
+    let mut qemu = qemu.lock().unwrap_or_else(PoisonError::into_inner);
     writeln!(qemu.get_mut(), "{what}")?;
     let mut answer = String::new();
     qemu.read_line(&mut answer)?;
@@ -85,14 +92,10 @@ fn tell(qemu: &mut BufReader<UnixStream>, what: &str) -> Result<(), Error> {
     }
 }
 
-fn main() -> Result<(), Error> {
-    let arguments: Vec<String> = std::env::args().collect();
-    let [_, simulator, qtest, raise, lower, wait] = arguments.as_slice() else {
-        return Err(Error::other("usage: bridge SIMULATOR QTEST RAISE LOWER WAIT"));
-    };
+/// Turns the counts of one socket of the simulator into pulses of one line. `line` holds SIMULATOR RAISE LOWER WAIT.
+fn serve(line: &[String], qemu: &Qemu) -> Result<String, Error> {
+    let [simulator, raise, lower, wait] = line else { return Err(Error::other(USAGE)) };
     let mut simulator = UnixStream::connect(simulator)?;
-    let mut qemu = BufReader::new(UnixStream::connect(qtest)?);
-    qemu.get_ref().set_read_timeout(Some(PATIENCE))?;
     let mut wait = Wait::new(wait)?;
     let (mut told, mut pulses, mut unserved) = (None, 0u64, 0u64);
     let mut count = [0; 4];
@@ -101,15 +104,29 @@ fn main() -> Result<(), Error> {
         for _ in 0..told.map_or(1, |told| count.wrapping_sub(told)) {
             let patient = unserved < HOPELESS;
             wait.begin()?;
-            tell(&mut qemu, raise)?;
+            tell(qemu, raise)?;
             let served = !patient || wait.served()?;
-            tell(&mut qemu, lower)?;
+            tell(qemu, lower)?;
             let ended = !patient || wait.ended()?;
             pulses += 1;
             unserved += u64::from(!(served && ended));
         }
         told = Some(count);
     }
-    println!("pulses={pulses} unserved={unserved}");
-    Ok(())
+    Ok(format!("pulses={pulses} unserved={unserved}"))
+}
+
+fn main() -> Result<(), Error> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let Some((qtest, lines)) = arguments.split_first() else { return Err(Error::other(USAGE)) };
+    let qemu = UnixStream::connect(qtest)?;
+    qemu.set_read_timeout(Some(PATIENCE))?;
+    let qemu = Mutex::new(BufReader::new(qemu));
+    std::thread::scope(|scope| {
+        let lines: Vec<_> = lines.chunks(4).map(|line| scope.spawn(|| serve(line, &qemu))).collect();
+        for line in lines {
+            println!("{}", line.join().map_err(|_| Error::other("a line's thread panicked"))??);
+        }
+        Ok(())
+    })
 }

@@ -76,7 +76,7 @@ boot() {
 # bridge RAISE LOWER WAIT: every interrupt of the simulated board becomes one of the machine (see bridge.rs).
 bridge() {
 	wait_for 10 "the machine's test socket" test -S "$site/qtest"
-	background bridge "$cache/bridge" "$site/irq" "$site/qtest" "$@"
+	background bridge "$cache/bridge" "$site/qtest" "$site/irq" "$@"
 	bridge=$last
 }
 

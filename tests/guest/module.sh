@@ -9,7 +9,7 @@ grep -qx "PACKAGE_VERSION=\"$version\"" "$here/../../kernel/dkms.conf" && grep -
 	{ echo "module.sh: kernel/dkms.conf and kernel/pmac_dpram.c are not of version $version" >&2; exit 1; }
 rm -rf "$dir"
 mkdir -p "$dir"
-cp "$here"/../../kernel/* "$dir"
+cp -r "$here"/../../kernel/. "$dir"
 # A module's type information would need pahole, which is not there.
 if ! make -C "$dir" KDIR="$headers" W=1 CONFIG_DEBUG_INFO_BTF_MODULES= modules >"$dir/log" 2>&1 || grep -q 'warning:' "$dir/log"; then
 	cat "$dir/log"

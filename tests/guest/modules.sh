@@ -17,5 +17,7 @@ done | sed -n 's/^insmod \([^ ]*\).*/\1/p' | while read -r file; do
 	esac
 done
 cp "$kernel"/modules/modules.order "$kernel"/modules/modules.builtin* "$modules/"
-cp "$kernel/module/pmac_dpram.ko" "$modules/"
+for module in "$kernel"/module/*.ko "$kernel"/vme/*.ko "$kernel"/vme/core/*.ko; do
+	[ ! -e "$module" ] || cp "$module" "$modules/"
+done
 depmod -b "$tree" "$version"

@@ -1,5 +1,5 @@
 #!/bin/sh
-# other_lists.sh DIR SUITE ARCHITECTURE: kernel.sh with package lists of its own: those of another suite, as Debian offers newer kernels for
+# other_lists.sh DIR SUITE ARCHITECTURE [SCRIPT]: SCRIPT, kernel.sh if none is given, with package lists of its own: those of another suite, as Debian offers newer kernels for
 # its stable release in one, or of another architecture.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
@@ -12,4 +12,4 @@ APT="-o APT::Architecture=$3 -o APT::Architectures=$3 -o Dir::Etc::sourcelist=$l
 # shellcheck disable=SC2086
 apt-get $APT update -qq || [ -f "$1/version" ]
 export APT
-"$here/kernel.sh" "$1"
+"${4-$here/kernel.sh}" "$1"

@@ -151,6 +151,20 @@ expect 'the slot has' 'pmacd:root 600' "$(stat -c '%U:%G %a' /dev/uio0)"
 nobody_opens /dev/uio0 "$board/config" "$board/resource2"
 as engineer pmacctl send P1 >/dev/null && ok 'while commands are answered' || fail 'no command is answered by PCI'
 expect_in 'doctor' "/dev/uio0 is pmacd's alone" "$(pmacctl doctor --boards)"
+systemctl stop "$unit"
+
+# A VME card: three devices, one link, one service. Here its interrupts and mailboxes are connected to nothing.
+rmmod uio_pci_generic
+place_dpram '\x0c\xc0\x06\xd0'
+echo 'board = "vme:/dev/pmac-vme0"' >/etc/pmacd/pmac-vme0.toml
+modprobe vme_fake memory=0xd0000000 && modprobe pmac_vme dpram=0x76c000 mailbox=0x7fa000 level=2 vector=0xa1 || fail 'modprobe pmac_vme'
+unit=pmacd@pmac-vme0.service
+wait_for 20 active && ok 'a VME card starts its service' || trouble 'a VME card does not start its service'
+wait_for 20 pmacctl --name pmac-vme0 motors && ok 'servo data' || trouble 'no servo data by VME'
+expect 'its link' uio2 "$(readlink /dev/pmac-vme0)"
+expect 'its three nodes' 'pmacd:root 600 pmacd:root 600 pmacd:root 600' "$(stat -c '%U:%G %a' /dev/uio0 /dev/uio1 /dev/uio2 | xargs)"
+expect 'and no other link' /dev/pmac-vme0 "$(ls -d /dev/pmac*)"
+systemctl stop "$unit"
 expect 'units that failed' '' "$(systemctl --failed --no-legend --plain | grep pmac)"
 purge_package
 echo '@@ end'
