@@ -6,7 +6,8 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::{
-    Board as Client, ClientError, CommandError, Connection, HeldJog, OwnBuffer, Staleness,
+    Board as Client, ClientError, CommandError, Connection, HeldJog, OwnBuffer, Staleness, StreamOptions,
+    gather_all, stream_all,
 };
 use pmac_dpram::protocol::calls::LeftLines;
 use pmac_dpram::protocol::control::parse;
@@ -16,10 +17,10 @@ use pyo3::prelude::*;
 use crate::columns::Columns;
 use crate::data::Snapshot;
 use crate::errors::{of_client, of_command, of_command_saying, refused, stale};
-use crate::gather::{Gathered, gather};
+use crate::gather::Gathered;
 use crate::identity::Identity;
 use crate::per_process::{PerProcess, lock};
-use crate::rotary::{Streamed, Wish, stream};
+use crate::rotary::Streamed;
 use crate::updates::Updates;
 
 /// How long one wait lasts before Python may handle a signal.
@@ -28,6 +29,27 @@ pub const SLICE: Duration = Duration::from_millis(100);
 /// The duration of `seconds`, which must not be negative.
 pub fn duration(seconds: f64) -> PyResult<Duration> {
     Duration::try_from_secs_f64(seconds).map_err(|_| refused(&format!("{seconds} is no time in seconds")))
+}
+
+/// Does `action`, which asks often whether it shall go on, while other Python threads go on. A signal whose handler
+/// raises ends it.
+fn until_signal<R: Send, E: Send>(
+    py: Python<'_>,
+    action: impl FnOnce(&mut dyn FnMut() -> bool) -> Result<Option<R>, E> + Send,
+) -> PyResult<Result<R, E>> {
+    let (done, raised) = py.detach(|| {
+        let mut raised = None;
+        let done = action(&mut || {
+            raised = Python::attach(|py| py.check_signals()).err();
+            raised.is_none()
+        });
+        (done, raised)
+    });
+    match (done.transpose(), raised) {
+        (_, Some(raised)) => Err(raised),
+        (Some(done), None) => Ok(done),
+        (None, None) => Err(refused("it was ended")),
+    }
 }
 
 /// A board of a running `pmacd`.
@@ -273,9 +295,12 @@ impl Board {
     #[pyo3(signature = (sources, seconds, *, period = 1))]
     fn gather(&self, py: Python<'_>, sources: Vec<String>, seconds: f64, period: u32) -> PyResult<Gathered> {
         let time = duration(seconds)?;
-        let client = py.detach(|| Client::attach(self.name.as_str())).map_err(of_client)?;
+        let mut client = py.detach(|| Client::attach(self.name.as_str())).map_err(of_client)?;
         let connection = py.detach(|| self.connect()).map_err(of_command)?;
-        gather(py, client, connection, &sources, period, time)
+        let gathered = until_signal(py, |goes_on| {
+            gather_all(&mut client, connection, &sources, (period, time), goes_on)
+        })?;
+        Ok(Gathered(gathered.map_err(of_client)?))
     }
 
     /// Streams the program `text` to a rotary buffer; see `Board.rotary` of the package.
@@ -299,11 +324,11 @@ impl Board {
             (false, true) => Some(LeftLines::Continue),
             (false, false) => None,
         };
-        let wish =
-            Wish { coordinate_system: cs, define_longs: define, run, left, timeout: duration(timeout)? };
-        let connections = || Ok((self.connect()?, self.connect()?));
-        let (owner, board) = py.detach(connections).map_err(of_command)?;
-        stream(py, owner, board, name, text, &wish)
+        let timeout = duration(timeout)?;
+        let options = StreamOptions { coordinate_system: cs, define_longs: define, run, left, timeout };
+        let connections = py.detach(|| Ok((self.connect()?, self.connect()?))).map_err(of_command)?;
+        let streamed = until_signal(py, |goes_on| stream_all(connections, (name, text), &options, goes_on))?;
+        Ok(Streamed(streamed.map_err(|error| of_command_saying(error.cause, &error.said))?))
     }
 
     /// A jog that lasts as long as its `with` block; the daemon stops it if this process dies or hangs. The daemon

@@ -1,11 +1,10 @@
 //! Every servo update in turn, none twice, with exact counts of lost and missed ones.
 
-use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use pmac_dpram::client::{Board as Client, ClientError, Follower, Staleness, Step};
-use pmac_dpram::segment::{Counter, SegmentName};
+use pmac_dpram::client::{Board as Client, ClientError, Staleness, Updates as Taking};
+use pmac_dpram::segment::SegmentName;
 use pyo3::prelude::*;
 
 use crate::board::{SLICE, duration};
@@ -13,17 +12,6 @@ use crate::columns::Columns;
 use crate::data::Snapshot;
 use crate::errors::{of_client, stale};
 use crate::per_process::{PerProcess, lock};
-
-struct Taking {
-    client: Client,
-    follower: Follower,
-    taken: VecDeque<Snapshot>,
-    lost: u64,
-    /// How many updates the daemons had missed by now, and the present one at the last look.
-    missed: u64,
-    missed_before: u64,
-    generation: u64,
-}
 
 /// Servo updates from now on, of the present daemon and its successors.
 #[pyclass(frozen, module = "pmac_dpram")]
@@ -35,66 +23,30 @@ pub struct Updates {
     timeout: Duration,
 }
 
-impl Taking {
-    /// Begins with the next update.
-    fn begin(mut client: Client) -> PyResult<Self> {
-        let follower = Follower::new(&mut client).map_err(of_client)?;
-        let subscriber = client.subscriber();
-        let (generation, missed_before) = (subscriber.generation(), subscriber.counter(Counter::Missed));
-        let (taken, lost, missed) = (VecDeque::new(), 0, 0);
-        Ok(Self { client, follower, taken, lost, missed, missed_before, generation })
+/// Hands new updates to `push`, at most `most`.
+fn take_most(taking: &mut Taking, most: usize, mut push: impl FnMut(Snapshot)) -> Result<(), ClientError> {
+    for _ in 0..most {
+        let Some((update, gap)) = taking.next_come()? else { break };
+        push(Snapshot::of_update(update, gap));
     }
-
-    /// Takes new updates; returns whether any wait for the caller.
-    fn take(&mut self) -> Result<bool, ClientError> {
-        if !self.taken.is_empty() {
-            return Ok(true);
-        }
-        self.client.refresh()?;
-        let subscriber = self.client.subscriber();
-        let missed = subscriber.counter(Counter::Missed);
-        if subscriber.generation() != self.generation {
-            (self.generation, self.missed_before) = (subscriber.generation(), 0);
-        }
-        self.missed += missed.saturating_sub(self.missed_before);
-        self.missed_before = missed;
-        let Self { client, follower, taken, lost, .. } = self;
-        let mut before = None;
-        follower.advance_some(client, |step| {
-            match step {
-                Step::Gap(gap) => {
-                    *lost += gap.lost;
-                    before = Some(gap);
-                }
-                Step::Update(update) => taken.push_back(Snapshot::of_update(update, before.take())),
-            }
-            Ok::<_, ClientError>(())
-        })
-    }
-
-    /// Hands new updates to `push`, at most `most`.
-    fn take_most(&mut self, most: usize, mut push: impl FnMut(Snapshot)) -> Result<(), ClientError> {
-        let mut left = most;
-        while left > 0 && self.take()? {
-            let count = left.min(self.taken.len());
-            self.taken.drain(..count).for_each(&mut push);
-            left -= count;
-        }
-        Ok(())
-    }
+    Ok(())
 }
 
 impl Updates {
     /// Begins with the next update.
     pub fn begin(client: Client, timeout: Duration) -> PyResult<Self> {
         let name = client.name().clone();
-        let (taking, waiting) = (PerProcess::new(Taking::begin(client)?), PerProcess::new(attach(&name)?));
+        let (taking, waiting) = (PerProcess::new(begin(client)?), PerProcess::new(attach(&name)?));
         Ok(Self { name, taking, waiting, timeout })
     }
 
     fn taking(&self) -> PyResult<Arc<Mutex<Taking>>> {
-        self.taking.get(|| Taking::begin(attach(&self.name)?))
+        self.taking.get(|| begin(attach(&self.name)?))
     }
+}
+
+fn begin(client: Client) -> PyResult<Taking> {
+    Taking::new(client).map_err(of_client)
 }
 
 fn attach(name: &SegmentName) -> PyResult<Client> {
@@ -111,10 +63,9 @@ impl Updates {
         let taking = self.taking()?;
         let update = py.detach(|| {
             let mut taking = lock(&taking);
-            taking.take()?;
-            let update = taking.taken.pop_front();
-            let found = if update.is_none() && is_over { Some(taking.client.snapshot()?) } else { None };
-            Ok((update, found))
+            let update = taking.next_come()?;
+            let found = if update.is_none() && is_over { Some(taking.board().snapshot()?) } else { None };
+            Ok((update.map(|(update, gap)| Snapshot::of_update(update, gap)), found))
         });
         let (update, found) = update.map_err(of_client)?;
         let Some(found) = found else { return Ok(update) };
@@ -129,13 +80,7 @@ impl Updates {
         let left = self.timeout.saturating_sub(duration(waited)?);
         let (taking, waiting) = (self.taking()?, self.waiting.get(|| attach(&self.name))?);
         let waited = py.detach(|| {
-            let after = {
-                let taking = lock(&taking);
-                if !taking.taken.is_empty() {
-                    return Ok(true);
-                }
-                taking.follower.next() - 1
-            };
+            let Some(after) = lock(&taking).waits_behind() else { return Ok(true) };
             lock(&waiting).wait(after, left.min(SLICE))
         });
         waited.map(drop).map_err(of_client)
@@ -145,7 +90,7 @@ impl Updates {
     #[pyo3(signature = (most = 65536))]
     fn take_all(&self, py: Python<'_>, most: usize) -> PyResult<Vec<Snapshot>> {
         let (taking, mut taken) = (self.taking()?, Vec::new());
-        py.detach(|| lock(&taking).take_most(most, |update| taken.push(update))).map_err(of_client)?;
+        py.detach(|| take_most(&mut lock(&taking), most, |update| taken.push(update))).map_err(of_client)?;
         Ok(taken)
     }
 
@@ -158,7 +103,7 @@ impl Updates {
             taken.lose(lost);
             taken.push(servo);
         };
-        py.detach(|| lock(&taking).take_most(most, push)).map_err(of_client)?;
+        py.detach(|| take_most(&mut lock(&taking), most, push)).map_err(of_client)?;
         Ok(taken)
     }
 
@@ -178,13 +123,13 @@ impl Updates {
     #[getter]
     fn lost(&self, py: Python<'_>) -> PyResult<u64> {
         let taking = self.taking()?;
-        Ok(py.detach(|| lock(&taking).lost))
+        Ok(py.detach(|| lock(&taking).lost()))
     }
 
     /// How many updates of the board the daemon did not read in time since this object began. Exact.
     #[getter]
     fn missed(&self, py: Python<'_>) -> PyResult<u64> {
         let taking = self.taking()?;
-        Ok(py.detach(|| lock(&taking).missed))
+        Ok(py.detach(|| lock(&taking).missed()))
     }
 }

@@ -20,6 +20,7 @@ pub mod circles;
 pub mod command;
 mod decoder;
 pub mod follow;
+pub mod gather_all;
 pub mod hold;
 pub mod identity;
 pub mod motor;
@@ -31,6 +32,8 @@ pub mod serial;
 #[cfg(feature = "serial")]
 pub mod serial_reply;
 pub mod shown_flags;
+pub mod stream_all;
+pub mod updates;
 pub mod view;
 
 pub use board::gather::{GatherChunk, GatherFollower, GatherPhase, GatherRun, Taken};
@@ -41,10 +44,13 @@ pub use command::rotary::{RotaryLine, RotaryPlace};
 pub use command::variables::VariableWatch;
 pub use command::{CommandError, Connection, Messages};
 pub use follow::{Follower, Gap, Step};
+pub use gather_all::{Gathered, gather_all};
 pub use hold::HeldJog;
 pub use motor::Motor;
 pub use own_buffer::OwnBuffer;
 pub use rotary_feed::RotaryFeed;
 #[cfg(feature = "serial")]
 pub use serial::{SerialError, SerialLine};
+pub use stream_all::{StreamError, StreamOptions, Streamed, stream_all};
+pub use updates::{Update, Updates};
 pub use view::{Staleness, View};

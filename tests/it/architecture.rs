@@ -21,7 +21,7 @@ const MOST_LINES: usize = 600;
 /// Modules that see less than their layer allows: the simulator is the driver's opponent, the client maps no device.
 const SEES_ONLY: [(&str, &[&str]); 2] = [
     ("sim", &["format", "map", "rotary::codes", "device::mapping", "process", "recording"]),
-    ("client", &["format", "map", "language", "decode", "gather", "protocol", "segment"]),
+    ("client", &["format", "map", "language", "decode", "rotary", "gather", "protocol", "segment"]),
 ];
 /// Words are mirrored as the board held them: these do not decode.
 const DECODES_NOTHING: [&str; 5] = ["device", "function", "mirror", "segment", "daemon"];
