@@ -45,8 +45,9 @@
 //!   sees the simulator; the client sees no device; the modules that mirror words ([`device`] to [`daemon`]) do not
 //!   decode them.
 //! * `unsafe` lives in `device/mapping.rs`, `segment/memory.rs` and `segment/wide_copy.rs`, and, of the libraries for C, in
-//!   `c/pcomm32/src/border.rs`; besides, a macro of `nix` in `daemon/socket/peer_groups.rs` expands to some. Only `memmap2::MmapRaw` maps memory that another agent writes,
-//!   so that no reference or slice into that memory can exist.
+//!   the files of `c/src/border` and in `c/pcomm32/src/border.rs`; besides, a macro of `nix` in
+//!   `daemon/socket/peer_groups.rs` expands to some. Only `memmap2::MmapRaw` maps memory that another agent writes, so that
+//!   no reference or slice into that memory can exist.
 //! * Only [`map`] knows an address in the DPRAM. Only [`device`] knows a path in `/dev`, `/sys` or `/proc`, but for the
 //!   directory of shared-memory objects, [`segment::DIRECTORY`], and that of open files, [`process::DESCRIPTORS`].
 //! * Outside tests no line has `unwrap()`, `expect("`, `panic!`, `unreachable!`, `todo!`, `unimplemented!` or `dbg!`.

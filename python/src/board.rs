@@ -360,15 +360,10 @@ pub struct Jog {
 impl Jog {
     /// Without `pmacd` nobody stops the motor: the error must say so, and not only that the stop failed.
     fn not_stopped(&self, error: CommandError) -> PyErr {
-        if matches!(error, CommandError::Refused(_) | CommandError::OtherProcess { .. }) {
-            return of_command(error);
+        match HeldJog::may_be_moving(self.motor, &error) {
+            Some(message) => of_command_saying(error, &message),
+            None => of_command(error),
         }
-        let message = format!(
-            "motor {} may be moving: pmacd did not confirm the stop, and one that is started again does not stop it; use the \
-             emergency stop, or #{0}J/ once pmacd runs ({error})",
-            self.motor
-        );
-        of_command_saying(error, &message)
     }
 }
 

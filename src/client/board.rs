@@ -39,6 +39,9 @@ pub enum ClientError {
     /// The daemon does not say which board it has.
     #[error(transparent)]
     Socket(#[from] CommandError),
+    /// A gather has ended early, or not as asked.
+    #[error("{0}")]
+    Gather(String),
     /// This version does not know the layout of the board's data.
     #[error("the board's family (number {0}) is not known to this program; use a newer one")]
     Family(u32),

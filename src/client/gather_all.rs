@@ -48,6 +48,11 @@ fn refused(why: impl Display) -> ClientError {
     CommandError::from(CallError::refused(why)).into()
 }
 
+/// The gather had begun.
+fn ended(why: impl Display) -> ClientError {
+    ClientError::Gather(why.to_string())
+}
+
 /// What to gather, in the terms of the board.
 struct Wish {
     plan: GatherPlan,
@@ -84,7 +89,7 @@ pub fn gather_all(
                 Ok::<(), ClientError>(())
             })?;
             match taken {
-                Taken::Another => return Err(refused("somebody else started another gather")),
+                Taken::Another => return Err(ended("somebody else started another gather")),
                 Taken::Some => news = Instant::now(),
                 Taken::Nothing if news.elapsed() > silence => {
                     let seconds = silence.as_secs_f64();
@@ -124,7 +129,7 @@ pub fn gather_all(
     let early = early.map(|why| format!("gathering ended early, after {made} of {wanted} samples: {why}"));
     let said: Vec<String> = early.into_iter().chain(notes).collect();
     if !said.is_empty() {
-        return Err(refused(said.join("; ")));
+        return Err(ended(said.join("; ")));
     }
     let columns = plan.columns.iter().map(|column| column.title()).collect();
     Ok(Some(Gathered { columns, numbers, values, made, clock }))

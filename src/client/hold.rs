@@ -117,6 +117,19 @@ impl HeldJog {
         self.end()
     }
 
+    /// The words for `motor` after [`Self::stop`] failed by `error`: without `pmacd` nobody stops the motor. `None` if the
+    /// error tells how the jog ended.
+    #[must_use]
+    pub fn may_be_moving(motor: u8, error: &CommandError) -> Option<String> {
+        if matches!(error, CommandError::Refused(_) | CommandError::OtherProcess { .. }) {
+            return None;
+        }
+        Some(format!(
+            "motor {motor} may be moving: pmacd did not confirm the stop, and one that is started again does not stop it; use the \
+             emergency stop, or #{motor}J/ once pmacd runs ({error})"
+        ))
+    }
+
     fn end(&mut self) -> Result<Connection, CommandError> {
         if self.process != std::process::id() {
             // The thread is in the parent: the child may not wait for it, nor touch anything that it may have locked.

@@ -52,11 +52,13 @@ pub struct StreamError {
     /// Its cause.
     #[source]
     pub cause: CommandError,
+    /// Whether the stream had begun: the board may have taken a part of the program.
+    pub began: bool,
 }
 
 impl From<CommandError> for StreamError {
     fn from(cause: CommandError) -> Self {
-        Self { said: cause.to_string(), cause }
+        Self { said: cause.to_string(), cause, began: false }
     }
 }
 
@@ -133,7 +135,8 @@ pub fn stream_all(
     let (timeout, since) = (options.timeout, Instant::now());
     let mut stream = Stream { name, program: &program, feed, board, buffer, timeout, taken: 0, since };
     let fed = stream.feed(goes_on);
-    let Some(underruns) = stream.end(fed)? else { return Ok(None) };
+    let ended = stream.end(fed).map_err(|error| StreamError { began: true, ..error });
+    let Some(underruns) = ended? else { return Ok(None) };
     let commands = lines.iter().map(Vec::len).sum();
     Ok(Some(Streamed { lines: lines.len(), commands, underruns, found_lines, warnings }))
 }
@@ -240,7 +243,7 @@ impl Stream<'_> {
             (Err(error), None) => return Err(error.into()),
             (Err(error), Some(reason)) => {
                 let what = format!("{reason}; what is left in the buffers is not known ({error})");
-                return Err(StreamError { said: self.placed(self.feed.inside(), &what), cause: error });
+                return Err(StreamError { said: self.placed(self.feed.inside(), &what), ..error.into() });
             }
         };
         // If the daemon has ended the stream, it knows best why.

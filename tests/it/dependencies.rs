@@ -77,7 +77,7 @@ fn every_package_and_the_readme_name_the_same_oldest_rust() {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
     let read = |path: &str| std::fs::read_to_string(root.join(path)).unwrap();
     let oldest = env!("CARGO_PKG_RUST_VERSION");
-    for package in ["", "c/pcomm32/", "gateway/", "web/", "benches/", "fuzz/", "python/"] {
+    for package in ["", "c/", "c/pcomm32/", "gateway/", "web/", "benches/", "fuzz/", "python/"] {
         let manifest = read(&format!("{package}Cargo.toml"));
         assert!(manifest.contains(&format!("\nrust-version = \"{oldest}\"\n")), "{package}: {oldest}");
     }

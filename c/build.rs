@@ -1,0 +1,13 @@
+//! Gives the shared library its SONAME, and every symbol that name as its version.
+
+fn main() {
+    println!("cargo:rerun-if-changed=build.rs");
+    if std::env::var("CARGO_CFG_TARGET_ENV").as_deref() != Ok("gnu") {
+        return;
+    }
+    // rustc's own version script is anonymous, and no linker takes a second script with names. GNU ld makes the versions
+    // without a script.
+    for argument in ["-Wl,-soname,libpmac_dpram.so.1", "-fuse-ld=bfd", "-Wl,--default-symver"] {
+        println!("cargo:rustc-cdylib-link-arg={argument}");
+    }
+}
