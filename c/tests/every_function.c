@@ -442,6 +442,7 @@ static void threads(pmac_board *board)
     }
 }
 
+#ifndef __SANITIZE_ADDRESS__
 static int forked;
 
 /* Takes updates as long as the parent forks. */
@@ -503,6 +504,8 @@ static void forks(pmac_board *board)
     pmac_messages_free(found);
     pmac_updates_free(updates);
 }
+
+#endif
 
 static void without_daemon(pmac_board *board, pid_t daemon)
 {
@@ -568,7 +571,10 @@ int main(int count, char **arguments)
     motion(board);
     sequences(board);
     threads(board);
+    /* A child of a program with threads hangs in gcc 12's address sanitizer: its allocator keeps a lock of theirs. */
+#ifndef __SANITIZE_ADDRESS__
     forks(board);
+#endif
     without_daemon(board, atoi(arguments[3]));
     pmac_board_close(board);
     return failures != 0;

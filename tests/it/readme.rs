@@ -30,7 +30,7 @@ fn text(name: &str) -> String {
     fs::read_to_string(root().join(name)).unwrap()
 }
 
-/// README.md, CONTRIBUTING.md and every page of docs/.
+/// README.md, CONTRIBUTING.md, the C library's page and every page of docs/.
 fn pages() -> Vec<String> {
     let mut pages: Vec<String> = fs::read_dir(root().join("docs"))
         .unwrap()
@@ -38,7 +38,7 @@ fn pages() -> Vec<String> {
         .filter(|name| name.ends_with(".md"))
         .collect();
     pages.sort();
-    pages.splice(0..0, ["README.md".to_owned(), "CONTRIBUTING.md".to_owned()]);
+    pages.splice(0..0, ["README.md", "CONTRIBUTING.md", "c/README.md"].map(str::to_owned));
     pages
 }
 
@@ -374,6 +374,7 @@ fn pages_stay_as_short_as_they_are() {
         ("README.md", 1000),
         ("CHANGELOG.md", 391),
         ("CONTRIBUTING.md", 900),
+        ("c/README.md", 260),
         ("docs/guide.md", 4540),
         ("docs/install.md", 1310),
         ("docs/operations.md", 2630),
