@@ -2,7 +2,7 @@
 
 use std::fs::File;
 
-use super::{exclusive_lock, memory, pci, vme, vme_card};
+use super::{exclusive_lock, memory, pci, vme};
 use crate::device::Board;
 use crate::device::board::spec::{Place, WindowSpec};
 use crate::device::board::window::WindowBoard;
@@ -11,8 +11,8 @@ use crate::device::mapping::Mapping;
 use crate::device::refusal::{OpenError, Why};
 use crate::device::system::System;
 use crate::device::system::inherited::Inherited;
-use crate::device::uio::UioDevice;
 use crate::device::uio::interrupt::NoInterrupt;
+use crate::device::uio::{UioDevice, UioInfo};
 
 /// An open board.
 pub struct OpenedBoard {
@@ -82,6 +82,16 @@ pub(in crate::device) struct MappedWindow {
     uio: Option<UioDevice>,
 }
 
+/// `place`; for a `vme:` board behind `pmac_vme`, the map of the card's UIO device.
+pub(in crate::device) fn described(system: &System, place: &Place) -> Place {
+    match place {
+        Place::Vme(node) if UioInfo::at(system, node).is_some_and(|info| info.is_vme_card()) => {
+            Place::Uio { node: node.clone(), map: 0 }
+        }
+        other => other.clone(),
+    }
+}
+
 /// Maps `length` bytes of `place` from `offset` on.
 pub(in crate::device) fn window(
     place: &Place,
@@ -90,7 +100,7 @@ pub(in crate::device) fn window(
     system: &System,
     inherited: &Inherited,
 ) -> Result<MappedWindow, OpenError> {
-    Ok(match &vme_card::place(system, place) {
+    Ok(match &described(system, place) {
         Place::Memory(address) => {
             let mapping = memory::map(system, inherited, address.saturating_add(offset), length)?;
             MappedWindow { mapping, node: None, witness: None, uio: None }

@@ -8,8 +8,6 @@ use crate::device::system::System;
 use crate::device::uio::UioInfo;
 use crate::map::mailbox;
 
-/// The name of a card's device, before the card's number.
-const NAME: &str = "pmac-vme";
 /// The map of the mailboxes.
 const MAILBOX_MAP: u32 = 1;
 
@@ -31,7 +29,7 @@ impl VmeCard {
     #[must_use]
     pub fn of(system: &System, board: &BoardSpec) -> Option<Self> {
         let BoardSpec::Window(WindowSpec { place: Place::Vme(node), .. }) = board else { return None };
-        let info = UioInfo::at(system, node).filter(is_card)?;
+        let info = UioInfo::at(system, node).filter(UioInfo::is_vme_card)?;
         let all = UioInfo::all(system);
         let of_vector = |vector: &str| {
             let name = format!("{}-{vector}", info.name);
@@ -45,21 +43,6 @@ impl VmeCard {
             reply: of_vector("reply")?,
             page: mailbox::page_of(dpram.address.wrapping_add(dpram.offset) as u32),
         })
-    }
-}
-
-/// Whether a UIO device is a card's.
-pub(in crate::device) fn is_card(info: &UioInfo) -> bool {
-    info.name.starts_with(NAME)
-}
-
-/// `place`; for a `vme:` board behind `pmac_vme`, the map of the card's UIO device.
-pub(in crate::device) fn place(system: &System, place: &Place) -> Place {
-    match place {
-        Place::Vme(node) if UioInfo::at(system, node).as_ref().is_some_and(is_card) => {
-            Place::Uio { node: node.clone(), map: 0 }
-        }
-        other => other.clone(),
     }
 }
 
@@ -99,7 +82,5 @@ mod tests {
         let fake = FakeSystem::new();
         fake.memory("dev/bus/vme/m0", 0x1_0000);
         assert_eq!(card(&fake, "vme:/dev/bus/vme/m0"), None);
-        let window = Place::Vme("/dev/bus/vme/m0".into());
-        assert_eq!(place(&fake.system, &window), window);
     }
 }

@@ -6,7 +6,6 @@ use serde::Serialize;
 
 use super::node_owner::{Holder, RULE_FILE, may_open, remark, rule_for_slot, rule_for_vme, rule_for_window};
 use crate::device::board::pci::{self, PciInfo};
-use crate::device::board::vme_card::is_card;
 use crate::device::system::System;
 use crate::device::uio::UioInfo;
 use crate::map::FAMILIES;
@@ -200,7 +199,7 @@ fn rule_hint(class: &str) -> String {
 
 fn uio_spec(info: &UioInfo, map: u32) -> String {
     match map {
-        0 if is_card(info) => format!("vme:{}", info.node()),
+        0 if info.is_vme_card() => format!("vme:{}", info.node()),
         0 => format!("uio:{}", info.node()),
         map => format!("uio:{},map={map}", info.node()),
     }

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::device::board::vme_card::place;
+use crate::device::board::open::described;
 use crate::device::system::System;
 use crate::device::system::kernel::{Configuration, PCI_DEVICES};
 use crate::device::uio::{CLASS, UioInfo};
@@ -49,7 +49,7 @@ const LONGEST_FACT: usize = 2000;
 pub fn facts(system: &System, board: Option<&BoardSpec>) -> BTreeMap<String, String> {
     let mut paths: Vec<String> = MACHINE.iter().map(|&path| path.to_owned()).collect();
     if let Some(BoardSpec::Window(window)) = board {
-        match &place(system, &window.place) {
+        match &described(system, &window.place) {
             Place::Pci { address, .. } => paths.extend(below(&format!("{PCI_DEVICES}/{address}"), &PCI)),
             Place::Uio { node, .. } => {
                 let device = node.file_name().and_then(|name| name.to_str()).unwrap_or_default();

@@ -19,6 +19,9 @@ pub(in crate::device) const CLASS: &str = "/sys/class/uio";
 /// The name of the descriptor that a service manager may hand over instead.
 pub const HANDED_OVER: &str = "uio";
 
+/// The names of `pmac_vme`'s devices begin so; the card's number follows.
+const VME_CARD: &str = "pmac-vme";
+
 /// One memory map, as the UIO driver describes it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UioMap {
@@ -77,6 +80,12 @@ impl UioInfo {
     #[must_use]
     pub fn node(&self) -> String {
         format!("/dev/{}", self.device)
+    }
+
+    /// Whether the module `pmac_vme` made it.
+    #[must_use]
+    pub fn is_vme_card(&self) -> bool {
+        self.name.starts_with(VME_CARD)
     }
 
     /// All UIO devices of the machine.

@@ -153,10 +153,10 @@ as engineer pmacctl send P1 >/dev/null && ok 'while commands are answered' || fa
 expect_in 'doctor' "/dev/uio0 is pmacd's alone" "$(pmacctl doctor --boards)"
 systemctl stop "$unit"
 
-# A VME card: three devices, one link, one service. Here its interrupts and mailboxes are connected to nothing.
+# A VME card: three devices, one link, one service. Here its vectors and mailboxes lead nowhere, so it cannot answer TYPE.
 rmmod uio_pci_generic
 place_dpram '\x0c\xc0\x06\xd0'
-echo 'board = "vme:/dev/pmac-vme0"' >/etc/pmacd/pmac-vme0.toml
+printf 'board = "vme:/dev/pmac-vme0"\nfamily = "pmac"\n' >/etc/pmacd/pmac-vme0.toml
 modprobe vme_fake memory=0xd0000000 && modprobe pmac_vme dpram=0x76c000 mailbox=0x7fa000 level=2 vector=0xa1 || fail 'modprobe pmac_vme'
 unit=pmacd@pmac-vme0.service
 wait_for 20 active && ok 'a VME card starts its service' || trouble 'a VME card does not start its service'
