@@ -69,7 +69,7 @@ fn the_kernels_options_stand_beside_the_kind_of_board_that_needs_them() {
         "ok    kernel        unknown, without lockdown support; STRICT_DEVMEM=? IO_STRICT_DEVMEM=?\n\
          ok    kernel        PCI board: uio: UIO=? UIO_PCI_GENERIC=?; pci: no option\n\
          ok    kernel        ISA board: mem: DEVMEM=?; uio: UIO=?\n\
-         ok    kernel        VME board: uio: UIO=? VME_BUS=?; vme: VME_BUS=? VME_USER=?; mem: DEVMEM=?\n"
+         ok    kernel        VME board: vme: UIO=?; mem: DEVMEM=?\n"
     );
     // Debian's.
     file(root.path(), "sys/kernel/security/lockdown", "[none] integrity confidentiality\n");
@@ -78,15 +78,14 @@ fn the_kernels_options_stand_beside_the_kind_of_board_that_needs_them() {
     file(
         root.path(),
         "boot/config-6.1.0-9-amd64",
-        "CONFIG_DEVMEM=y\nCONFIG_STRICT_DEVMEM=y\nCONFIG_IO_STRICT_DEVMEM=y\nCONFIG_UIO=m\nCONFIG_UIO_PCI_GENERIC=m\n\
-         # CONFIG_VME_BUS is not set\n",
+        "CONFIG_DEVMEM=y\nCONFIG_STRICT_DEVMEM=y\nCONFIG_IO_STRICT_DEVMEM=y\nCONFIG_UIO=m\nCONFIG_UIO_PCI_GENERIC=m\n",
     );
     assert_eq!(
         kernel(),
         "ok    kernel        6.1.0-9-amd64, not locked down; STRICT_DEVMEM=y IO_STRICT_DEVMEM=y, iomem=relaxed\n\
          ok    kernel        PCI board: uio: UIO=m UIO_PCI_GENERIC=m; pci: no option\n\
          ok    kernel        ISA board: mem: DEVMEM=y; uio: UIO=m\n\
-         ok    kernel        VME board: uio: UIO=m VME_BUS=n; vme: VME_BUS=n VME_USER=n; mem: DEVMEM=y\n"
+         ok    kernel        VME board: vme: UIO=m; mem: DEVMEM=y\n"
     );
     // docs/install.md has the same options.
     let page = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/install.md")).unwrap();
@@ -105,7 +104,7 @@ fn the_kernels_options_stand_beside_the_kind_of_board_that_needs_them() {
              uio_pci_generic gives no interrupts; STRICT_DEVMEM=n IO_STRICT_DEVMEM=n\n\
              warn  kernel        PCI board: uio: UIO=y UIO_PCI_GENERIC=n; pci: no option; {shut}\n\
              ok    kernel        ISA board: mem: DEVMEM=n; uio: UIO=y\n\
-             warn  kernel        VME board: uio: UIO=y VME_BUS=n; vme: VME_BUS=n VME_USER=n; mem: DEVMEM=n; {shut}\n"
+             ok    kernel        VME board: vme: UIO=y; mem: DEVMEM=n\n"
         )
     );
 }

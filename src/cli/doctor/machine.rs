@@ -15,7 +15,8 @@ type Way = (&'static str, &'static [&'static str]);
 const KINDS: [(&str, &[Way]); 3] = [
     ("PCI", &[("uio:", &["UIO", "UIO_PCI_GENERIC"]), ("pci:", &[])]),
     ("ISA", &[("mem:", &["DEVMEM"]), ("uio:", &["UIO"])]),
-    ("VME", &[("uio:", &["UIO", "VME_BUS"]), ("vme:", &["VME_BUS", "VME_USER"]), ("mem:", &["DEVMEM"])]),
+    // Of the VME bus and vme_user, which Debian leaves out, DKMS builds modules beside ours.
+    ("VME", &[("vme:", &["UIO"]), ("mem:", &["DEVMEM"])]),
 ];
 /// What these refuse of `mem:` and `pci:`: main memory, and what a driver has claimed.
 const REFUSING: [&str; 2] = ["STRICT_DEVMEM", "IO_STRICT_DEVMEM"];
