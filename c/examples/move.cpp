@@ -2,6 +2,7 @@
 
 #include <pmac_dpram.h>
 
+#include <cmath>
 #include <cstdlib>
 #include <iostream>
 #include <memory>
@@ -31,7 +32,7 @@ Board open(const char *name, const char *socket)
     return Board(board, pmac_board_close);
 }
 
-bool is_there(const Board &board)
+bool is_at(const Board &board, double position)
 {
     pmac_snapshot *taken;
     call(pmac_snapshot_take, board.get(), 0u, &taken);
@@ -41,7 +42,7 @@ bool is_there(const Board &board)
     std::int32_t in_position;
     call(pmac_snapshot_motor_flag, snapshot.get(), 1u, "in_position", &in_position);
     std::cout << motor.position << " counts\n";
-    return in_position == 1 && motor.velocity == 0;
+    return in_position == 1 && std::fabs(motor.position - position) < 1;
 }
 
 } // namespace
@@ -56,7 +57,7 @@ int main(int count, char **arguments)
             const std::uint64_t *latest = nullptr;
             for (int update = 0; update < 100; update++)
                 call(pmac_board_wait, board.get(), latest, 1000u);
-            if (is_there(board))
+            if (is_at(board, position))
                 return 0;
         }
         std::cerr << "move: the motor does not arrive\n";
