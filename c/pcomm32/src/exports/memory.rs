@@ -61,9 +61,9 @@ exports! {
     PmacDPRResetDWordBit(number: DWORD, offset: DWORD, bit: DWORD) -> () = () =>
         set_bit(number, offset, bit, false);
     /// The 48-bit float in two longs, times `scale`.
-    PmacDPRFloat(longs: Place<int>, scale: f64) -> f64 = 0.0 =>
-        longs.copy(2).map_or(0.0, |longs| Float48Layout::default().decode(longs[0] as u32, longs[1] as u32) * scale);
+    PmacDPRFloat(longs: Place<int>, scale: f64) -> f64 = f64::NAN =>
+        longs.copy(2).map_or(f64::NAN, |longs| Float48Layout::default().decode(longs[0] as u32, longs[1] as u32) * scale);
     /// The 48-bit integer in two longs, times `scale`.
-    PmacDPRLFixed(longs: Place<int>, scale: f64) -> f64 = 0.0 =>
-        longs.copy(2).map_or(0.0, |longs| fixed48::decode(longs[0] as u32, longs[1] as u32) as f64 * scale);
+    PmacDPRLFixed(longs: Place<int>, scale: f64) -> f64 = f64::NAN =>
+        longs.copy(2).map_or(f64::NAN, |longs| fixed48::decode(longs[0] as u32, longs[1] as u32) as f64 * scale);
 }

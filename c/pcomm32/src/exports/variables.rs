@@ -53,10 +53,8 @@ exports! {
         integer(number, I, index, default);
     /// A variable's value as the board writes it, at most 31 characters.
     PmacGetVariableStrA(number: DWORD, letter: c_char, room: Room, index: DWORD) -> BOOL = FALSE => {
-        let text = variables::text(number, letter.byte(), index);
-        let is_there = text.is_ok();
-        told(text, room, NUMBER_ROOM as int);
-        BOOL::from(is_there)
+        let text = variables::text(number, letter.byte(), index).unwrap_or_default();
+        BOOL::from(room.put(NUMBER_ROOM, text.as_bytes()) > 0)
     };
     /// Sets a variable.
     PmacSetVariableDouble(number: DWORD, letter: c_char, index: DWORD, value: f64) -> () = () =>

@@ -89,7 +89,7 @@ exports! {
     PmacDPRAsciiStrToRotEx(number: DWORD, text: Text, index: u16, _rest: BOOL) -> i16 = rotary::SYNTAX =>
         rotary::line(number, index, text.copy().as_deref());
     /// Commands of two longs each: 0 in, 1 no room yet, -1 an error.
-    PmacDPRrotput(number: DWORD, index: int, longs: Place<DWORD>, count: int) -> i16 = -1 => {
+    PmacDPRrotput(number: DWORD, count: int, longs: Place<DWORD>, index: int) -> i16 = -1 => {
         // The longest line that any buffer holds.
         let count = usize::try_from(count).unwrap_or(0).min(4096);
         rotary::words(number, buffer(index as DWORD), longs.copy(count).filter(|longs| !longs.is_empty()))
