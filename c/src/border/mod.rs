@@ -226,3 +226,21 @@ fn check_flags(flags: u32, known: u32) -> Result<(), Failure> {
     }
     Err(Failure::argument(format!("flags {flags:#x}: this library knows {known:#x} here")))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_is_an_error_of_the_call() {
+        let mut error = MaybeUninit::uninit();
+        let status = ended(Some(&mut error), || panic!("index {} is out of bounds", 7));
+        assert_eq!(status, Status::Internal);
+        // SAFETY: `ended` has written it.
+        let error = unsafe { error.assume_init() };
+        // SAFETY: the text has a NUL at its end.
+        let text = unsafe { CStr::from_ptr(error.text.as_ptr()) };
+        assert_eq!(text.to_str().unwrap(), "this library has a fault: index 7 is out of bounds");
+        assert_eq!(ended(None, || Ok(Status::TimedOut)), Status::TimedOut);
+    }
+}
