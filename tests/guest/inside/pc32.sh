@@ -27,9 +27,11 @@ say "value memory $(awk '/^VmRSS/ { print $2 }' "/proc/$(systemctl show --value 
 
 pmacctl jog 1 + --hold --seconds 60 >/run/held 2>&1 &
 holder=$!
-wait_for 20 sh -c '[ "$(pmacctl send "#1P")" -gt 3000 ]' && ok 'a motor that is held jogs' || fail "a held motor does not jog: $(cat /run/held)"
-kill -KILL $holder
-wait_for 5 stands && ok 'and stops when its client is dead' || trouble 'the motor goes on without its client'
+# Nobody asks meanwhile: a program's start may take this processor longer than the lease lasts.
+sleep 2
+kill -KILL $holder || fail "a hold ends: $(cat /run/held)"
+wait_for 10 stands && ok 'it stands when its client is dead' || trouble 'the motor goes on without its client'
+[ "$(position | cut -d. -f1)" -gt 3000 ] && ok "and jogged until then, to $(position)" || fail "a held motor does not jog: $(cat /run/held)"
 say "value interrupts $(interrupts)"
 purge_package
 echo '@@ end'
