@@ -81,5 +81,5 @@ fn every_package_and_the_readme_name_the_same_oldest_rust() {
         let manifest = read(&format!("{package}Cargo.toml"));
         assert!(manifest.contains(&format!("\nrust-version = \"{oldest}\"\n")), "{package}: {oldest}");
     }
-    assert!(read("README.md").contains(&format!("You need Rust {oldest} or newer")), "{oldest}");
+    assert!(read("README.md").contains(&format!("Rust {oldest} or newer")), "{oldest}");
 }
