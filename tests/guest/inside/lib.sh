@@ -93,7 +93,8 @@ functions() { # NAME SPEC
 # Replies announced by interrupts, one line after the other, each compared.
 many() { # LINES
 	for ten in 0 1 2 3 4 5 6 7 8 9; do
-		pmacctl --socket /run/pmac0.sock send "$(for one in 0 1 2 3 4 5 6 7 8 9; do printf 'P1%s%s=%s ' $ten $one $((ten * 10 + one)); done)"
+		pmacctl --socket /run/pmac0.sock send "$(for one in 0 1 2 3 4 5 6 7 8 9; do printf 'P1%s%s=%s ' $ten $one $((ten * 10 + one)); done)" ||
+			fail "P1${ten}0 to P1${ten}9 are not set"
 	done
 	i=0
 	while [ $i -lt "$1" ]; do
@@ -104,7 +105,7 @@ many() { # LINES
 	read -r begun _ </proc/uptime
 	pmacctl --socket /run/pmac0.sock terminal </run/lines >/run/replies
 	read -r ended _ </proc/uptime
-	cmp -s /run/expected /run/replies && ok "$1 replies" || fail "$1 lines sent, $(wc -l </run/replies) replies, not all of them right"
+	cmp -s /run/expected /run/replies && ok "$1 replies" || fail "$1 lines sent, $(wc -l </run/replies) replies, not all of them right: $(diff /run/expected /run/replies | head -n 4 | xargs)"
 	say "value lines_per_second $(echo "$1 $begun $ended" | awk '{ printf "%.0f", $1 / ($3 - $2) }')"
 }
 

@@ -2,8 +2,11 @@
 ctl() { pmacctl --socket /run/pmac0.sock "$@"; }
 event() { cat "/sys/class/uio/$1/event"; }
 counts() { echo "$(event uio0) $(event uio1) $(event uio2)"; }
-# generate LEVEL VECTOR: an interrupt of the bridge's generator.
-generate() { echo $(($1 << 8 | $2)) >/sys/module/vme_fake/parameters/generate; }
+# generate LEVEL VECTOR: an interrupt of the bridge's generator, which keeps only the last one until it is served.
+generate() {
+	echo $(($1 << 8 | $2)) >/sys/module/vme_fake/parameters/generate
+	sleep 0.2
+}
 
 # place N ADDRESS-BYTES: the Nth shared memory where the bridge's windows find the card.
 place() {
@@ -56,7 +59,6 @@ expect 'a wrong vector and a wrong level are not served' "$before" "$(counts)"
 expect_in 'they are told' 'level:2, vector:a3' "$(dmesg | grep 'Spurious')"
 for vector in 0xa0 0xa1 0xa2; do
 	generate 2 $vector
-	sleep 0.1
 done
 expect 'each vector has its own count' '1 1 1' "$(counts)"
 
@@ -85,7 +87,7 @@ expect 'and commands are answered' 43 "$(ctl send P7=43 >/dev/null; ctl send P7)
 
 # In use, the module stays.
 rmmod pmac_vme 2>/dev/null && fail 'rmmod while pmacd uses it' || ok 'the module stays while it is in use'
-ctl motors >/dev/null && ok 'and pmacd with it' || fail 'pmacd has lost its board'
+wait_for 20 ctl motors && ok 'and pmacd with it' || fail 'pmacd has lost its board'
 stop_daemon
 complaints
 sleep 1
@@ -93,18 +95,17 @@ say "value dpram $(($(event uio2) - 1))"
 say "value taken $(($(event uio0) - 1))"
 say "value reply $(($(event uio1) - 1))"
 
+# Only servo data, of a known family: the mailboxes serve for the page alone, and no more interrupts come.
+printf 'family = "pmac"\nfunctions = ["servo"]\n' >/run/servo.toml
+start_daemon vme:/dev/uio2 --config /run/servo.toml
 # The bridge's driver goes under the daemon. Its next access ends it, as another card may lie in the window then.
-start_daemon vme:/dev/uio2
 rmmod vme_fake || fail 'rmmod vme_fake'
 wait $daemon
 expect 'without its window the daemon ends' 69 $?
 expect_in 'and says why' SIGBUS "$(grep SIGBUS /run/pmacd.log)"
 expect 'its devices go' '' "$(ls /sys/class/uio)"
 rmmod pmac_vme && ok 'the driver goes' || fail 'rmmod pmac_vme'
-
-# Only servo data, of a known family: the mailboxes serve for the page alone.
 modprobe vme_fake memory=0xd0000000 && modprobe pmac_vme $card || fail 'the card does not come back'
-printf 'family = "pmac"\nfunctions = ["servo"]\n' >/run/servo.toml
 start_daemon vme:/dev/uio2 --config /run/servo.toml && ok 'the card comes back, with live data'
 stop_daemon
 dmesg | grep -E 'BUG|WARNING:|Oops|Call Trace' && fail 'the kernel complains' || ok 'the kernel has no complaint'
