@@ -95,6 +95,17 @@ static inline void send(const char *line)
     }
 }
 
+/* Whether live positions come, within ten seconds. */
+static inline BOOL is_live(void)
+{
+    for (int tries = 0; tries < 200; tries++) {
+        if (PmacDPRUpdateRealTime(0))
+            return TRUE;
+        Sleep(50);
+    }
+    return FALSE;
+}
+
 static inline int finish(const char *name)
 {
     if (failures)

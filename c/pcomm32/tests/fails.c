@@ -124,7 +124,7 @@ static void daemon_dies(void)
     CHECK(OpenPmacDevice(0));
     EQUAL(PmacGetResponseA(0, text, sizeof text, "P1=4 P1"), 2);
     SAME(text, "4\r");
-    CHECK(PmacDPRUpdateRealTime(0));
+    CHECK(is_live());
 }
 
 int main(void)

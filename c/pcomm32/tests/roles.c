@@ -5,7 +5,7 @@ int main(void)
 {
     char text[256];
     CHECK(OpenPmacDevice(0));
-    CHECK(PmacDPRUpdateRealTime(0));
+    CHECK(is_live());
     /* The daemon has asked the board for its scales. */
     for (int tries = 0; tries < 200 && isnan(PmacDPRPosition(0, 0, 1)); tries++)
         Sleep(50);
