@@ -295,7 +295,7 @@ typedef struct {
     uint32_t define_longs;
     /* The bits `PMAC_ROTARY_...`. */
     uint32_t flags;
-    /* How long the board may take no lines, in milliseconds. */
+    /* How long the board may take no lines, in milliseconds; 0: 60 s. */
     uint32_t timeout_ms;
 } pmac_rotary_options;
 

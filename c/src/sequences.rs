@@ -11,6 +11,9 @@ use crate::failure::{Failure, Status};
 use crate::replies::Reply;
 use crate::types::{GatheredInfo, ROTARY_CLEAR, ROTARY_CONTINUE, ROTARY_RUN, RotaryOptions, Streamed};
 
+/// How long the board may take no lines of a stream, unless the caller says.
+const PATIENCE: Duration = Duration::from_secs(60);
+
 /// The samples of a gather.
 pub struct Gathered {
     samples: Samples,
@@ -93,13 +96,16 @@ pub fn stream(
         define_longs: Some(options.define_longs).filter(|longs| *longs != 0),
         run: flag(ROTARY_RUN),
         left,
-        timeout: Duration::from_millis(options.timeout_ms.into()),
+        timeout: match options.timeout_ms {
+            0 => PATIENCE,
+            milliseconds => Duration::from_millis(milliseconds.into()),
+        },
     };
     let connections = (board.connect()?, board.connect()?);
     let failed = |StreamError { said, cause, began }| {
         let failure = Failure::from(cause).saying(said);
-        // An uncertain end stays one; a refusal in mid-stream is no call of which nothing was done.
-        if began && failure.status == Status::Refused {
+        // An uncertain end stays one; any other error in mid-stream is no call of which nothing was done.
+        if began && failure.status != Status::Uncertain {
             return Failure { status: Status::Ended, ..failure };
         }
         failure

@@ -202,7 +202,7 @@ pub struct RotaryOptions {
     pub define_longs: u32,
     /// The bits `PMAC_ROTARY_...`.
     pub flags: u32,
-    /// How long the board may take no lines, in milliseconds.
+    /// How long the board may take no lines, in milliseconds; 0: 60 s.
     pub timeout_ms: u32,
 }
 

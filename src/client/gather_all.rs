@@ -53,6 +53,14 @@ fn ended(why: impl Display) -> ClientError {
     ClientError::Gather(why.to_string())
 }
 
+/// `error`, of a gather that had begun: no call of which nothing was done.
+fn of_begun(error: ClientError) -> ClientError {
+    match error {
+        ClientError::Socket(error) if error.is_uncertain() => error.into(),
+        error => ended(error),
+    }
+}
+
 /// What to gather, in the terms of the board.
 struct Wish {
     plan: GatherPlan,
@@ -93,7 +101,7 @@ pub fn gather_all(
                 Taken::Some => news = Instant::now(),
                 Taken::Nothing if news.elapsed() > silence => {
                     let seconds = silence.as_secs_f64();
-                    return Err(refused(format_args!(
+                    return Err(ended(format_args!(
                         "the board gathers nothing: no sample for {seconds:.0} s"
                     )));
                 }
@@ -113,7 +121,7 @@ pub fn gather_all(
         }
         Ok(true)
     };
-    let followed = follow();
+    let followed = follow().map_err(of_begun);
     // In any case: no other client can gather before this.
     let stopped = connection.gather_stop(None);
     if !followed? {
@@ -122,7 +130,7 @@ pub fn gather_all(
     let (reason, notes) = match stopped {
         Ok(reply) => (reply.reason, reply.notes),
         Err(CommandError::Refused(error)) => (Some(error.to_string()), Vec::new()),
-        Err(error) => return Err(error.into()),
+        Err(error) => return Err(of_begun(error.into())),
     };
     let made = run.next();
     let early = (made < wanted).then(|| early(run.ended(), reason));

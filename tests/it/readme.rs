@@ -246,7 +246,7 @@ fn shape(text: &str) -> String {
 fn with_groups_that_exist(configuration: &str) -> String {
     let gid = nix::unistd::getgid();
     let group = nix::unistd::Group::from_gid(gid).unwrap().map_or("root".to_owned(), |group| group.name);
-    ["pmac-stop", "operators", "pmac-engineers", "pmac-operator", "pmac-engineer"]
+    ["pmac-stop", "pmac-operator", "pmac-engineer"]
         .into_iter()
         .fold(configuration.to_owned(), |text, name| {
             text.replace(&format!("\"{name}\""), &format!("\"{group}\""))

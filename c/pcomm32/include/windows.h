@@ -1,5 +1,5 @@
 /* The part of Windows that a console program over PComm32 uses, with types of the size that they have there: LONG and
- * DWORD have 32 bits, WCHAR has 16. Where a program says `long` and means LONG, write LONG: here `long` has 64 bits. */
+ * DWORD have 32 bits, WCHAR has 16. Where a program says `long` and means LONG, write LONG: here `long` has 64 bits on most processors. */
 #ifndef PCOMM32_WINDOWS_H
 #define PCOMM32_WINDOWS_H
 
