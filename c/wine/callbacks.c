@@ -3,37 +3,51 @@
 #include "windows_border.h"
 #include <pthread.h>
 
-static void(WINDOWS *program_message)(LPSTR, BOOL);
-static LONG(WINDOWS *program_get)(LONG, LPSTR, LONG);
-static void(WINDOWS *program_progress)(LONG);
-/* One download at a time has its functions there. */
-static pthread_mutex_t downloading = PTHREAD_MUTEX_INITIALIZER;
+/* The functions that the program gave with a call. */
+struct callbacks {
+    void(WINDOWS *message)(LPSTR, BOOL);
+    LONG(WINDOWS *get)(LONG, LPSTR, LONG);
+    void(WINDOWS *progress)(LONG);
+};
+
+/* Those of the calling thread's download. (A `__thread` variable does not work in a
+ * library that Wine loads.) */
+static pthread_key_t calling;
+
+static __attribute__((constructor)) void begin(void)
+{
+    pthread_key_create(&calling, NULL);
+}
+
+static const struct callbacks *program(void)
+{
+    return pthread_getspecific(calling);
+}
 
 static void message(LPSTR text, BOOL newline)
 {
-    program_message(text, newline);
+    program()->message(text, newline);
 }
 
 static LONG get(LONG index, LPSTR text, LONG max)
 {
-    return program_get(index, text, max);
+    return program()->get(index, text, max);
 }
 
 static void progress(LONG percent)
 {
-    program_progress(percent);
+    program()->progress(percent);
 }
 
 int WINDOWS windows_PmacDownloadA(DWORD device, void *of_message, void *of_get, void *of_progress, LPCSTR file,
     BOOL macro, BOOL map, BOOL log, BOOL download)
 {
-    pthread_mutex_lock(&downloading);
-    program_message = of_message;
-    program_get = of_get;
-    program_progress = of_progress;
+    const struct callbacks *outer = program();
+    const struct callbacks mine = {of_message, of_get, of_progress};
+    pthread_setspecific(calling, &mine);
     int done = PmacDownloadA(device, of_message ? message : NULL, of_get ? get : NULL, of_progress ? progress : NULL, file,
         macro, map, log, download);
-    pthread_mutex_unlock(&downloading);
+    pthread_setspecific(calling, outer);
     return done;
 }
 
