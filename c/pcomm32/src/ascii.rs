@@ -111,6 +111,7 @@ pub(crate) fn send_line(number: u32, line: Option<&[u8]>) -> Result<usize, Fault
 pub(crate) fn next_line(number: u32) -> Result<Vec<u8>, Fault> {
     with(number, |device| {
         let mut waiting = device.waiting();
+        waiting.check_lost()?;
         if let Some(line) = waiting.lines.pop_front() {
             return Ok(text(&[line]));
         }
@@ -138,8 +139,11 @@ pub(crate) fn all_lines(number: u32) -> Result<Vec<u8>, Fault> {
         let mut waiting = device.waiting();
         waiting.end = false;
         let lines: Vec<String> = waiting.lines.drain(..).collect();
-        match waiting.fault.take() {
-            Some(fault) => Err(Fault { lines, ..fault }),
+        match waiting.check_lost().err().or(waiting.fault.take()) {
+            Some(mut fault) => {
+                fault.lines.splice(0..0, lines);
+                Err(fault)
+            }
             None => Ok(text(&lines)),
         }
     })

@@ -13,7 +13,7 @@ use pmac_dpram::client::{Board, CommandError, Connection, OwnBuffer, socket_path
 use pmac_dpram::segment::SegmentName;
 
 use crate::config::Daemon;
-use crate::fault::Fault;
+use crate::fault::{Fault, Kind};
 use crate::process;
 use crate::rotary::Buffers;
 use crate::texts::{self, Interrupt, Texts};
@@ -31,6 +31,35 @@ pub(crate) struct Waiting {
     pub(crate) fault: Option<Fault>,
     /// The end of the replies, which the program has not read yet.
     pub(crate) end: bool,
+    /// Lines were dropped, which the program has not heard yet.
+    pub(crate) has_lost: bool,
+}
+
+impl Waiting {
+    /// Keeps the outcome of a line.
+    fn keep(&mut self, reply: &Result<Vec<String>, Fault>) {
+        let count = reply.as_ref().map_or(0, Vec::len);
+        // A program that never fetches its replies shall not fill the memory. One reply of any length has room.
+        if !self.lines.is_empty() && self.lines.len() + count > WAITING_MAX {
+            self.lines.clear();
+            self.has_lost = true;
+        }
+        self.lines.extend(reply.iter().flatten().cloned());
+        // The call that failed has told an older failure.
+        self.fault = reply.as_ref().err().cloned();
+        self.end = true;
+    }
+
+    /// Tells once that lines are missing.
+    pub(crate) fn check_lost(&mut self) -> Result<(), Fault> {
+        if !std::mem::take(&mut self.has_lost) {
+            return Ok(());
+        }
+        let why = format!(
+            "over {WAITING_MAX} lines of replies waited, and the older ones are lost; the board has got the commands"
+        );
+        Err(Fault { kind: Kind::Uncertain, why, lines: Vec::new() })
+    }
 }
 
 /// A device.
@@ -187,16 +216,7 @@ impl Device {
 
     /// Keeps the outcome of a line for `PmacGetLineA`.
     pub(crate) fn keep_reply(&self, reply: &Result<Vec<String>, Fault>) {
-        let mut waiting = self.waiting();
-        match reply {
-            Ok(lines) => waiting.lines.extend(lines.iter().cloned()),
-            Err(fault) => waiting.fault = Some(fault.clone()),
-        }
-        // A program that never fetches its replies shall not fill the memory.
-        if waiting.lines.len() > WAITING_MAX {
-            waiting.lines.clear();
-        }
-        waiting.end = true;
+        self.waiting().keep(reply);
     }
 
     /// `LockPmac`: the calls of other threads wait until this thread releases the device.
@@ -242,4 +262,31 @@ impl Device {
 pub(crate) fn configured() -> i32 {
     process::config()
         .map_or(0, |config| config.devices.iter().map(|device| i32::from(device.is_some())).sum())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_success_does_not_carry_the_failure_of_the_line_before() {
+        let mut waiting = Waiting::default();
+        waiting.keep(&Err(Fault::refused("ERR003")));
+        assert!(waiting.fault.is_some());
+        waiting.keep(&Ok(Vec::new()));
+        assert_eq!(waiting.fault, None);
+        assert!(waiting.end && waiting.check_lost().is_ok());
+    }
+
+    #[test]
+    fn lines_that_nobody_fetches_are_lost_with_an_error_and_one_long_reply_is_whole() {
+        let mut waiting = Waiting::default();
+        let long = vec![String::new(); WAITING_MAX * 2];
+        waiting.keep(&Ok(long.clone()));
+        assert_eq!((waiting.lines.len(), waiting.has_lost), (long.len(), false));
+        waiting.keep(&Ok(vec!["5".to_owned()]));
+        assert_eq!(waiting.lines, ["5"]);
+        assert_eq!(waiting.check_lost().map_err(|fault| fault.kind), Err(Kind::Uncertain));
+        assert!(waiting.check_lost().is_ok());
+    }
 }
