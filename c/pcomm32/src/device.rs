@@ -149,6 +149,15 @@ impl Device {
     /// Calls the daemon. A call that a restarted daemon has not taken is repeated once.
     pub(crate) fn ask<T>(
         &self,
+        call: impl FnMut(&mut Connection) -> Result<T, CommandError>,
+    ) -> Result<T, Fault> {
+        self.ask_while(|| true, call)
+    }
+
+    /// As [`Self::ask`], for several calls at once: repeats them only while `may_repeat`.
+    pub(crate) fn ask_while<T>(
+        &self,
+        may_repeat: impl Fn() -> bool,
         mut call: impl FnMut(&mut Connection) -> Result<T, CommandError>,
     ) -> Result<T, Fault> {
         let idle = lock(&self.idle).pop();
@@ -158,7 +167,7 @@ impl Device {
             None => self.connect()?,
         };
         let mut answer = call(&mut connection);
-        if is_old && matches!(answer, Err(CommandError::NotTaken { .. })) {
+        if is_old && may_repeat() && matches!(answer, Err(CommandError::NotTaken { .. })) {
             connection = self.connect()?;
             answer = call(&mut connection);
         }

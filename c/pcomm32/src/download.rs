@@ -1,5 +1,6 @@
 //! Downloads of program files. The daemon runs the lines as one sequence, and closes a buffer that they leave open.
 
+use std::cell::Cell;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -37,22 +38,30 @@ pub(crate) fn run(number: u32, file: Option<Vec<u8>>, sends: bool, told: &impl T
             device.abort.store(false, Ordering::Relaxed);
             let texts: Vec<&str> = lines.iter().map(|line| line.text.as_str()).collect();
             let mut failed = None;
+            // How many lines the board has taken, once the daemon has answered.
+            let heard = Cell::new(None);
             let options = LinesOptions { kind: "download", timeout: deadlines::PLAIN * 2, keep_going: false };
             let mut hear = |reply: &RunLinesReply| {
                 let line = reply.line.and_then(|line| lines.get(usize::try_from(line).ok()?));
                 if let (Some(failure), Some(line)) = (&reply.failure, line) {
                     failed = Some(format!("{}: {}: {}", line.place, failure.message, line.text));
                 }
+                heard.set(usize::try_from(reply.taken).ok());
                 reply.lines.iter().for_each(|line| told.message(line));
                 let percent = 100 * reply.taken / lines.len() as u64;
                 told.progress(i32::try_from(percent).unwrap_or(100));
                 !device.abort.load(Ordering::Relaxed)
             };
-            let over = device.ask(|connection| connection.run_lines(options, &texts, &mut hear))?;
-            let notes = over.notes.join("; ");
+            let over = device.ask_while(
+                || heard.get().is_none(),
+                |connection| connection.run_lines(options, &texts, &mut hear),
+            );
             if let Some(failed) = failed {
-                return Err(Fault::refused(failed));
+                let rest = over.err().map_or(String::new(), |fault| format!("; {}", fault.why));
+                return Err(Fault::refused(failed + &rest));
             }
+            let over = over.map_err(|fault| fault.after(heard.get().unwrap_or(0), lines.len()))?;
+            let notes = over.notes.join("; ");
             if over.taken < lines.len() as u64 {
                 let (taken, all) = (over.taken, lines.len());
                 return Err(Fault::refused(format!("the board has taken {taken} of {all} lines; {notes}")));
