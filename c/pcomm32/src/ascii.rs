@@ -31,24 +31,65 @@ fn lines(text: &[u8]) -> Vec<String> {
         .collect()
 }
 
-/// Sends the lines of `text`, and returns the replies of all. Ends with the first line that fails.
+/// Whether the line has only stops and addresses. Such a line starts nothing, wherever it stands.
+fn only_stops(line: &str) -> bool {
+    if let [character @ 1..=31] = line.as_bytes() {
+        return control::stops(*character);
+    }
+    let letters: String =
+        line.chars().filter(|c| !c.is_whitespace()).map(|c| c.to_ascii_uppercase()).collect();
+    let mut rest = letters.as_str();
+    while !rest.is_empty() {
+        let address =
+            rest.strip_prefix(['#', '&']).map(|rest| rest.trim_start_matches(|c: char| c.is_ascii_digit()));
+        let mut stops = ["A", "H", "K", "Q", "J/", "/", "\\"].iter();
+        match address.or_else(|| stops.find_map(|stop| rest.strip_prefix(stop))) {
+            Some(left) => rest = left,
+            None => return false,
+        }
+    }
+    true
+}
+
+/// Sends the lines of `text`, and returns the replies of all. Behind a line that fails, only stops go out.
 fn exchange(device: &Device, text: &[u8]) -> Result<Vec<String>, Fault> {
-    let mut replies = Vec::new();
-    for line in lines(text) {
+    let lines = lines(text);
+    let (mut replies, mut succeeded) = (Vec::new(), 0);
+    let mut failed: Option<Fault> = None;
+    // A line with an address has not reached the board: the addressed motor may be another than the program's.
+    let mut address_is_lost = false;
+    for line in &lines {
+        let has_address = line.contains(['#', '&']);
+        let goes_astray = || address_is_lost && Meaning::of(line).goes_by_address;
+        if failed.is_some() && (!only_stops(line) || goes_astray()) {
+            address_is_lost |= has_address;
+            continue;
+        }
         let sent = match line.as_bytes() {
             // Some programs send a control character as a line.
             [character @ 1..=31] => send_control(device, *character),
-            _ => send_line_of(device, &line),
+            _ => send_line_of(device, line),
         };
         match sent {
-            Ok(lines) => replies.extend(lines),
+            Ok(lines) => {
+                replies.extend(lines);
+                succeeded += 1;
+            }
             Err(mut fault) => {
+                address_is_lost |= has_address;
                 replies.append(&mut fault.lines);
-                return Err(Fault { lines: replies, ..fault });
+                failed = Some(match failed {
+                    None => fault,
+                    Some(first) => first.and(line, &fault),
+                });
             }
         }
     }
-    Ok(replies)
+    match failed {
+        None => Ok(replies),
+        Some(fault) if lines.len() == 1 => Err(Fault { lines: replies, ..fault }),
+        Some(fault) => Err(Fault { lines: replies, ..fault.after(succeeded, lines.len()) }),
+    }
 }
 
 fn send_line_of(device: &Device, line: &str) -> Result<Vec<String>, Fault> {
@@ -180,6 +221,20 @@ mod tests {
         assert_eq!(lines(b"\x0B"), ["\x0B"]);
         assert_eq!(lines(b"\x0C\r"), ["\x0C"]);
         assert!(lines(b"").is_empty() && lines(b" \r\n").is_empty());
+    }
+
+    #[test]
+    fn behind_a_line_that_fails_only_stops_go_out() {
+        for line in ["&1A", "a", "#1K#2K", "# 3 j/", "&2 q", "H", "&1/", "\\", "\x01", "\x0B", "\x0F"] {
+            assert!(only_stops(line), "{line:?}");
+            assert!(line.len() == 1 && line < " " || Meaning::of(line).stops, "{line:?}");
+        }
+        for line in
+            ["&1A R", "#1J+", "K HM", "A100", "Q100=5", "P1=x", "$$$", "\x12", "J", "CLOSE", "#1J/ J+"]
+        {
+            assert!(!only_stops(line), "{line:?}");
+        }
+        assert!(only_stops("#2"), "the motor of a stop that follows");
     }
 
     #[test]

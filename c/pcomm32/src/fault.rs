@@ -65,6 +65,15 @@ impl Fault {
         self
     }
 
+    /// This failure, and that of a later line.
+    pub(crate) fn and(mut self, line: &str, later: &Self) -> Self {
+        self.why += &format!("; {line}: {}", later.why);
+        if later.kind == Kind::Uncertain {
+            self.kind = Kind::Uncertain;
+        }
+        self
+    }
+
     /// The number for `PmacGetError`: the board's for its own errors, negative for all others.
     pub(crate) fn number(&self) -> i32 {
         match self.kind {
