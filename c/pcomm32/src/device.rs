@@ -4,9 +4,8 @@
 //! modal state (the addressed motor, the open program buffer) for the process, whichever connection a line takes.
 
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::{self, ThreadId};
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::{Board, CommandError, Connection, OwnBuffer, socket_path};
@@ -80,13 +79,23 @@ pub(crate) struct Device {
     /// A download is to end.
     pub(crate) abort: AtomicBool,
     /// The thread that has called `LockPmac`, and how often.
-    holder: Mutex<Option<(ThreadId, usize)>>,
+    holder: Mutex<Option<(usize, usize)>>,
     released: Condvar,
 }
 
 /// Locks `value`, also after a panic: no panicking call leaves a value half changed.
 pub(crate) fn lock<T>(value: &Mutex<T>) -> MutexGuard<'_, T> {
     value.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The number of the calling thread. Unlike `thread::current` it is there until the process has ended, also for the
+/// destructors that `exit()` runs.
+pub(crate) fn this_thread() -> usize {
+    static NEXT: AtomicUsize = AtomicUsize::new(0);
+    thread_local! {
+        static NUMBER: usize = NEXT.fetch_add(1, Ordering::Relaxed);
+    }
+    NUMBER.with(|number| *number)
 }
 
 impl Device {
@@ -232,7 +241,7 @@ impl Device {
     pub(crate) fn hold(&self) -> Result<(), Fault> {
         let mut holder = self.turn()?;
         let count = holder.map_or(0, |(_, count)| count);
-        *holder = Some((thread::current().id(), count + 1));
+        *holder = Some((this_thread(), count + 1));
         Ok(())
     }
 
@@ -240,7 +249,7 @@ impl Device {
     pub(crate) fn release(&self) -> Result<(), Fault> {
         let mut holder = lock(&self.holder);
         match *holder {
-            Some((thread, count)) if thread == thread::current().id() => {
+            Some((thread, count)) if thread == this_thread() => {
                 *holder = (count > 1).then_some((thread, count - 1));
                 self.released.notify_all();
                 Ok(())
@@ -250,8 +259,8 @@ impl Device {
     }
 
     /// Waits until no other thread holds the device.
-    pub(crate) fn turn(&self) -> Result<MutexGuard<'_, Option<(ThreadId, usize)>>, Fault> {
-        let me = thread::current().id();
+    pub(crate) fn turn(&self) -> Result<MutexGuard<'_, Option<(usize, usize)>>, Fault> {
+        let me = this_thread();
         let deadline = Instant::now() + LOCK_WAIT;
         let mut holder = lock(&self.holder);
         while holder.is_some_and(|(thread, _)| thread != me) {

@@ -2,6 +2,7 @@
 //! functions whose names have Ex.
 
 use std::cell::RefCell;
+use std::sync::{Mutex, PoisonError};
 
 use pmac_dpram::client::{ClientError, CommandError};
 use pmac_dpram::protocol::CallError;
@@ -141,12 +142,23 @@ impl From<ClientError> for Fault {
 
 thread_local! {
     /// The outcome of this thread's last call for each device.
-    static LAST: RefCell<[Option<Fault>; DEVICES]> = const { RefCell::new([const { None }; DEVICES]) };
+    static LAST: RefCell<Outcomes> = const { RefCell::new([const { None }; DEVICES]) };
+}
+
+/// At `exit()` the main thread's own values are gone before the program's last functions run: those keep theirs here.
+static LAST_AT_EXIT: Mutex<Outcomes> = Mutex::new([const { None }; DEVICES]);
+
+/// The outcome for each device.
+type Outcomes = [Option<Fault>; DEVICES];
+
+fn with_last<T>(work: impl Fn(&mut Outcomes) -> T) -> T {
+    LAST.try_with(|last| work(&mut last.borrow_mut()))
+        .unwrap_or_else(|_| work(&mut LAST_AT_EXIT.lock().unwrap_or_else(PoisonError::into_inner)))
 }
 
 /// Keeps the outcome of a call of this thread.
 pub(crate) fn keep(device: u32, fault: Option<&Fault>) {
-    LAST.with_borrow_mut(|last| {
+    with_last(|last| {
         if let Some(last) = last.get_mut(device as usize) {
             *last = fault.cloned();
         }
@@ -155,7 +167,7 @@ pub(crate) fn keep(device: u32, fault: Option<&Fault>) {
 
 /// Why this thread's last call for the device failed; `None`: it did not.
 pub(crate) fn last(device: u32) -> Option<Fault> {
-    match LAST.with_borrow(|last| last.get(device as usize).cloned()) {
+    match with_last(|last| last.get(device as usize).cloned()) {
         Some(last) => last,
         None => Some(Fault::argument(format!("device {device}: there are 0 to {}", DEVICES - 1))),
     }

@@ -1,7 +1,7 @@
 //! Texts that the board's programs send: fetched by the program, or told to its callback from a thread of this library.
 
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
-use std::thread::{self, ThreadId};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::Messages;
@@ -9,7 +9,7 @@ use pmac_dpram::map::Controller;
 use pmac_dpram::protocol::Message;
 
 use crate::ascii::text;
-use crate::device::{Device, lock};
+use crate::device::{Device, lock, this_thread};
 use crate::fault::Fault;
 use crate::process::with;
 use crate::variables::family;
@@ -70,7 +70,7 @@ pub(crate) struct Interrupt {
 struct State {
     is_over: bool,
     /// The thread, while the program's callback runs.
-    calls: Option<ThreadId>,
+    calls: Option<usize>,
 }
 
 impl Interrupt {
@@ -80,7 +80,7 @@ impl Interrupt {
         let deadline = Instant::now() + CALLBACK;
         let mut state = lock(state);
         state.is_over = true;
-        while state.calls.is_some_and(|caller| caller != thread::current().id()) {
+        while state.calls.is_some_and(|caller| caller != this_thread()) {
             let left = deadline.saturating_duration_since(Instant::now());
             if left.is_zero() {
                 return;
@@ -133,7 +133,7 @@ impl<'a> Calling<'a> {
     /// `None` when the program wants no more texts.
     fn begin(shared: &'a (Mutex<State>, Condvar)) -> Option<Self> {
         let mut state = lock(&shared.0);
-        state.calls = (!state.is_over).then(|| thread::current().id());
+        state.calls = (!state.is_over).then(this_thread);
         state.calls.map(|_| Self(shared))
     }
 }
