@@ -94,12 +94,12 @@ fn exchange(device: &Device, text: &[u8]) -> Result<Vec<String>, Fault> {
 
 fn send_line_of(device: &Device, line: &str) -> Result<Vec<String>, Fault> {
     let meaning = Meaning::of(line);
-    // A stop waits for no other thread.
+    // A stop waits for no other thread, neither for the device nor for a rotary buffer.
     if !meaning.stops {
         drop(device.turn()?);
-    }
-    if rotary::takes(device, line) {
-        return Ok(Vec::new());
+        if rotary::takes(device, line) {
+            return Ok(Vec::new());
+        }
     }
     device.send(line, meaning.deadline(deadlines::PLAIN))
 }

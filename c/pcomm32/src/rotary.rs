@@ -331,7 +331,8 @@ fn put(number: u32, index: u16, take: impl FnOnce(&mut Buffer) -> Result<(), Fai
 /// Takes a command line that opens the binary rotary buffers or starts the rotary program, if the program has announced
 /// a buffer and its stream has not begun. The stream does both.
 pub(crate) fn takes(device: &Device, line: &str) -> bool {
-    let buffers = lock(&device.buffers);
+    // A buffer may be busy for long: the others stay free meanwhile.
+    let buffers: Vec<_> = lock(&device.buffers).values().cloned().collect();
     if buffers.is_empty() {
         return false;
     }
@@ -346,7 +347,7 @@ pub(crate) fn takes(device: &Device, line: &str) -> bool {
         return false;
     };
     let mut waits = false;
-    for buffer in buffers.values() {
+    for buffer in &buffers {
         let mut buffer = lock(buffer);
         if system.is_none_or(|system| system == buffer.system) && buffer.stream.is_none() {
             buffer.run = true;
