@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::{Board, CommandError, Connection, OwnBuffer, socket_path};
@@ -76,8 +76,8 @@ pub(crate) struct Device {
     pub(crate) texts: Mutex<Option<Texts>>,
     /// The program's callback.
     pub(crate) interrupt: Mutex<Option<Interrupt>>,
-    /// A download is to end.
-    pub(crate) abort: AtomicBool,
+    /// The downloads under way: a mark that is true ends its download.
+    pub(crate) downloads: Mutex<Vec<Weak<AtomicBool>>>,
     /// The thread that has called `LockPmac`, and how often.
     holder: Mutex<Option<(usize, usize)>>,
     released: Condvar,
@@ -110,7 +110,7 @@ impl Device {
             buffers: Mutex::default(),
             texts: Mutex::default(),
             interrupt: Mutex::default(),
-            abort: AtomicBool::new(false),
+            downloads: Mutex::default(),
             holder: Mutex::default(),
             released: Condvar::new(),
         }

@@ -3,15 +3,17 @@
 use std::cell::Cell;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Weak};
 
 use pmac_dpram::client::command::lines::LinesOptions;
 use pmac_dpram::language::deadlines;
 use pmac_dpram::preprocess::preprocess;
 use pmac_dpram::protocol::board::RunLinesReply;
 
+use crate::device::{Device, lock};
 use crate::fault::Fault;
-use crate::process::with;
+use crate::process::{with, with_any};
 
 /// The program's callbacks.
 pub(crate) trait Told {
@@ -21,10 +23,46 @@ pub(crate) trait Told {
     fn progress(&self, percent: i32);
 }
 
-/// Sends the lines of a file, with names and includes resolved, or only checks the file. Ends with the first line that
-/// the board refuses.
-pub(crate) fn run(number: u32, file: Option<Vec<u8>>, sends: bool, told: &impl Told) -> Result<(), Fault> {
-    let done = with(number, |device| {
+/// A download, which `PmacAbortDownload` ends from here on.
+pub(crate) struct Download {
+    number: u32,
+    is_aborted: Arc<AtomicBool>,
+}
+
+impl Download {
+    pub(crate) fn new(number: u32) -> Self {
+        let is_aborted = Arc::default();
+        // Without the device, the download itself fails and tells.
+        let _ = with(number, |device| {
+            let mut downloads = lock(&device.downloads);
+            downloads.retain(|download| download.strong_count() > 0);
+            downloads.push(Arc::downgrade(&is_aborted));
+            Ok(())
+        });
+        Self { number, is_aborted }
+    }
+
+    /// Sends the lines of a file, with names and includes resolved, or only checks the file. Ends with the first line
+    /// that the board refuses.
+    pub(crate) fn run(&self, file: Option<Vec<u8>>, sends: bool, told: &impl Told) -> Result<(), Fault> {
+        let done = with(self.number, |device| self.send(device, file, sends, told));
+        if let Err(fault) = &done {
+            told.message(&fault.why);
+        }
+        done
+    }
+
+    fn goes_on(&self) -> bool {
+        !self.is_aborted.load(Ordering::Relaxed)
+    }
+
+    fn send(
+        &self,
+        device: &Device,
+        file: Option<Vec<u8>>,
+        sends: bool,
+        told: &impl Told,
+    ) -> Result<(), Fault> {
         let file = file.ok_or_else(|| Fault::argument("the file's name is NULL"))?;
         let file = PathBuf::from(String::from_utf8_lossy(&file).into_owned());
         let read = |path: &Path| fs::read(path).map_err(|error| error.to_string());
@@ -35,7 +73,9 @@ pub(crate) fn run(number: u32, file: Option<Vec<u8>>, sends: bool, told: &impl T
         told.progress(0);
         if sends && !lines.is_empty() {
             drop(device.turn()?);
-            device.abort.store(false, Ordering::Relaxed);
+            if !self.goes_on() {
+                return Err(Fault::refused("the download was aborted; nothing was sent"));
+            }
             let texts: Vec<&str> = lines.iter().map(|line| line.text.as_str()).collect();
             let mut failed = None;
             // How many lines the board has taken, once the daemon has answered.
@@ -50,7 +90,7 @@ pub(crate) fn run(number: u32, file: Option<Vec<u8>>, sends: bool, told: &impl T
                 reply.lines.iter().for_each(|line| told.message(line));
                 let percent = 100 * reply.taken / lines.len() as u64;
                 told.progress(i32::try_from(percent).unwrap_or(100));
-                !device.abort.load(Ordering::Relaxed)
+                self.goes_on()
             };
             let over = device.ask_while(
                 || heard.get().is_none(),
@@ -70,17 +110,15 @@ pub(crate) fn run(number: u32, file: Option<Vec<u8>>, sends: bool, told: &impl T
         }
         told.progress(100);
         Ok(())
-    });
-    if let Err(fault) = &done {
-        told.message(&fault.why);
     }
-    done
 }
 
-/// Ends a download after the line under way.
+/// Ends the downloads after the call under way, which has eight lines at most.
 pub(crate) fn abort(number: u32) -> Result<(), Fault> {
-    with(number, |device| {
-        device.abort.store(true, Ordering::Relaxed);
+    with_any(number, |device| {
+        for download in lock(&device.downloads).iter().filter_map(Weak::upgrade) {
+            download.store(true, Ordering::Relaxed);
+        }
         Ok(())
     })
 }

@@ -4,7 +4,7 @@ use std::ffi::c_char;
 
 use super::{BOOL, DWORD, FALSE, TRUE, int, truth};
 use crate::border::{Place, Room, Text, exports};
-use crate::download::{self, Told};
+use crate::download::{self, Download, Told};
 use crate::{rotary, status, texts};
 
 /// A buffer's number; a number that no board has for one that is none.
@@ -39,8 +39,8 @@ impl Told for Callbacks {
     }
 }
 
-fn run(number: DWORD, callbacks: &Callbacks, file: Option<Vec<u8>>, sends: BOOL) -> int {
-    int::from(download::run(number, file, sends != FALSE, callbacks).is_ok())
+fn run(download: &Download, callbacks: &Callbacks, file: Option<Vec<u8>>, sends: BOOL) -> int {
+    int::from(download.run(file, sends != FALSE, callbacks).is_ok())
 }
 
 /// What a callback gets: the vendor's `INTRBUFFER`.
@@ -99,21 +99,21 @@ exports! {
     PmacDownloadA(
         number: DWORD, message: DOWNLOADMSGPROC, _get: DOWNLOADGETPROC, progress: DOWNLOADPROGRESS, file: Text,
         _macro: BOOL, _map: BOOL, _log: BOOL, sends: BOOL
-    ) -> int = 0 => run(number, &Callbacks(message, progress), file.copy(), sends);
+    ) -> int = 0 => run(&Download::new(number), &Callbacks(message, progress), file.copy(), sends);
     /// As `PmacDownloadA`, in a thread: 1 if the thread has begun.
     PmacThreadDownloadA(
         number: DWORD, message: DOWNLOADMSGPROC, _get: DOWNLOADGETPROC, progress: DOWNLOADPROGRESS, file: Text,
         _macro: BOOL, _map: BOOL, _log: BOOL, sends: BOOL
     ) -> int = 0 => {
-        let (callbacks, file) = (Callbacks(message, progress), file.copy());
+        let (download, callbacks, file) = (Download::new(number), Callbacks(message, progress), file.copy());
         let thread = std::thread::Builder::new().name("pcomm32-download".to_owned());
-        int::from(thread.spawn(move || run(number, &callbacks, file, sends)).is_ok())
+        int::from(thread.spawn(move || run(&download, &callbacks, file, sends)).is_ok())
     };
     /// As `PmacDownloadA`, without callbacks.
     PmacDownloadFile(number: DWORD, file: Text) -> () = () => {
-        run(number, &Callbacks(None, None), file.copy(), TRUE);
+        run(&Download::new(number), &Callbacks(None, None), file.copy(), TRUE);
     };
-    /// Ends a download after the line under way.
+    /// Ends the downloads: each sends seven more lines at most after the line under way.
     PmacAbortDownload(number: DWORD) -> () = () => drop(download::abort(number));
 
     /// Whether a text of a board's program waits, since the first such call.
