@@ -151,6 +151,7 @@ pub(crate) fn send_line(number: u32, line: Option<&[u8]>) -> Result<usize, Fault
 /// The next line of the replies, empty at their end.
 pub(crate) fn next_line(number: u32) -> Result<Vec<u8>, Fault> {
     with(number, |device| {
+        drop(device.turn()?);
         let mut waiting = device.waiting();
         waiting.check_lost()?;
         if let Some(line) = waiting.lines.pop_front() {
@@ -177,6 +178,7 @@ pub(crate) fn line_status(number: u32, put: impl FnOnce(&Result<Vec<u8>, Fault>)
 /// All lines of the replies.
 pub(crate) fn all_lines(number: u32) -> Result<Vec<u8>, Fault> {
     with(number, |device| {
+        drop(device.turn()?);
         let mut waiting = device.waiting();
         waiting.end = false;
         let lines: Vec<String> = waiting.lines.drain(..).collect();
@@ -201,6 +203,7 @@ pub(crate) fn is_ready(number: u32) -> Result<bool, Fault> {
 /// Drops the replies that wait.
 pub(crate) fn flush(number: u32) -> Result<(), Fault> {
     with(number, |device| {
+        drop(device.turn()?);
         *device.waiting() = Default::default();
         Ok(())
     })

@@ -267,7 +267,7 @@ impl Device {
             let left = deadline.saturating_duration_since(Instant::now());
             if left.is_zero() {
                 return Err(Fault::refused(
-                    "another thread has locked the device (LockPmac) for 5 s; nothing was sent",
+                    "another thread has locked the device (LockPmac) for 5 s; nothing was done",
                 ));
             }
             holder = self.released.wait_timeout(holder, left).unwrap_or_else(PoisonError::into_inner).0;
