@@ -7,8 +7,9 @@ use std::collections::BTreeSet;
 use std::ffi::{c_char, c_void};
 use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::ptr::{copy_nonoverlapping, slice_from_raw_parts};
+use std::ptr::{copy_nonoverlapping, null_mut, slice_from_raw_parts};
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicPtr, Ordering};
 
 /// Exports functions. Each answers its value of failure if its body panics.
 macro_rules! exports {
@@ -180,6 +181,34 @@ impl Memory {
         }
         // SAFETY: the program gives as many bytes, and changes none of them during the call.
         Some(unsafe { &*slice_from_raw_parts(self.0.cast::<u8>(), count) }.to_vec())
+    }
+}
+
+/// A value that is made once and stays until the end of the process. No thread waits for another one that makes it: a
+/// child that forks meanwhile would wait for ever.
+pub(crate) struct Once<T>(AtomicPtr<T>);
+
+impl<T: Send + Sync> Once<T> {
+    pub(crate) const fn new() -> Self {
+        Self(AtomicPtr::new(null_mut()))
+    }
+
+    /// The value. Several threads may make one at the same time; the first that is done gives its value to all.
+    pub(crate) fn get_or_make(&'static self, make: impl FnOnce() -> T) -> &'static T {
+        let mut found = self.0.load(Ordering::Acquire);
+        if found.is_null() {
+            let made = Box::into_raw(Box::new(make()));
+            found = match self.0.compare_exchange(found, made, Ordering::AcqRel, Ordering::Acquire) {
+                Ok(_) => made,
+                Err(first) => {
+                    // SAFETY: the pointer comes from a box, and no other thread has seen it.
+                    drop(unsafe { Box::from_raw(made) });
+                    first
+                }
+            };
+        }
+        // SAFETY: the pointer comes from a box that nobody frees, and there are shared references alone.
+        unsafe { &*found }
     }
 }
 

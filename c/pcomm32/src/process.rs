@@ -1,8 +1,7 @@
 //! The devices of each process. A forked child has devices of its own: a thread of the parent may have locked the
 //! parent's, and the connections are the parent's, too.
 
-use std::sync::OnceLock;
-
+use crate::border::Once;
 use crate::config::{Config, DEVICES};
 use crate::device::Device;
 use crate::fault::{self, Fault};
@@ -13,26 +12,25 @@ struct Devices {
     config: Result<Config, String>,
     devices: [Device; DEVICES],
     /// Those of a child.
-    child: OnceLock<Box<Self>>,
+    child: Once<Self>,
 }
 
-static FIRST: OnceLock<Box<Devices>> = OnceLock::new();
+static FIRST: Once<Devices> = Once::new();
 
 impl Devices {
     /// The devices of this process; a child's are open where its parent's were.
-    fn new(parent: Option<&Self>) -> Box<Self> {
+    fn new(parent: Option<&Self>) -> Self {
         let devices = std::array::from_fn(|number| {
             Device::new(number, parent.is_some_and(|parent| parent.devices[number].is_open()))
         });
-        let config = Config::read();
-        Box::new(Self { process: std::process::id(), config, devices, child: OnceLock::new() })
+        Self { process: std::process::id(), config: Config::read(), devices, child: Once::new() }
     }
 
     fn of_this_process() -> &'static Self {
-        // A process reads its own number without a lock, so a lock that a fork has copied stops nobody.
-        let mut devices = FIRST.get_or_init(|| Self::new(None));
+        // No thread waits for another one here, so what a fork has copied stops nobody.
+        let mut devices = FIRST.get_or_make(|| Self::new(None));
         while devices.process != std::process::id() {
-            devices = devices.child.get_or_init(|| Self::new(Some(devices)));
+            devices = devices.child.get_or_make(|| Self::new(Some(devices)));
         }
         devices
     }
