@@ -1,6 +1,10 @@
 //! The devices of each process. A forked child has devices of its own: a thread of the parent may have locked the
 //! parent's, and the connections are the parent's, too.
 
+use std::{io, thread};
+
+use nix::sys::signal::{SigSet, SigmaskHow, Signal};
+
 use crate::border::Once;
 use crate::config::{Config, DEVICES};
 use crate::device::Device;
@@ -34,6 +38,20 @@ impl Devices {
         }
         devices
     }
+}
+
+/// Runs `work` in a thread of this library. Signals go to the program's own threads, but for those of a fault, which are
+/// the thread's own.
+pub(crate) fn spawn(name: &str, work: impl FnOnce() + Send + 'static) -> io::Result<()> {
+    let mut signals = SigSet::all();
+    [Signal::SIGSEGV, Signal::SIGBUS, Signal::SIGFPE, Signal::SIGILL, Signal::SIGABRT, Signal::SIGTRAP]
+        .into_iter()
+        .for_each(|fault| signals.remove(fault));
+    let before = signals.thread_swap_mask(SigmaskHow::SIG_BLOCK)?;
+    let spawned = thread::Builder::new().name(name.to_owned()).spawn(work);
+    // The mask is this thread's own, so the kernel takes it back.
+    let _ = before.thread_set_mask();
+    spawned.map(drop)
 }
 
 /// The configuration of this process.

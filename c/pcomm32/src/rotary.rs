@@ -14,7 +14,7 @@ use pmac_dpram::rotary::{Reason, Settings, compile, compile_stream};
 
 use crate::device::{Device, lock};
 use crate::fault::Fault;
-use crate::process::with;
+use crate::process::{spawn, with};
 use crate::variables::family;
 
 /// The vendor's return codes.
@@ -238,7 +238,7 @@ fn keep_alive(buffer: &Arc<Mutex<Buffer>>) {
         }
     };
     // Without a thread the stream ends when the program is silent for 5 s, and says so.
-    let _ = thread::Builder::new().name("pcomm32-rotary".to_owned()).spawn(renew);
+    let _ = spawn("pcomm32-rotary", renew);
 }
 
 /// `PmacDPRRotBufChange`, `PmacDPRRotBufInit`: announces a buffer. The daemon's configuration gives its size.

@@ -1,7 +1,6 @@
 //! Texts that the board's programs send: fetched by the program, or told to its callback from a thread of this library.
 
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
-use std::thread;
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::Messages;
@@ -11,7 +10,7 @@ use pmac_dpram::protocol::Message;
 use crate::ascii::text;
 use crate::device::{Device, lock, this_thread};
 use crate::fault::Fault;
-use crate::process::with;
+use crate::process::{spawn, with};
 use crate::variables::family;
 
 /// How often the thread looks whether the program wants no more texts.
@@ -118,8 +117,7 @@ pub(crate) fn call_back(number: u32, mask: u32, told: impl Fn(&[u8]) + Send + 's
                 }
             }
         };
-        let name = "pcomm32-texts".to_owned();
-        thread::Builder::new().name(name).spawn(run).map_err(|error| Fault::refused(error.to_string()))?;
+        spawn("pcomm32-texts", run).map_err(|error| Fault::refused(error.to_string()))?;
         let before = lock(&device.interrupt).replace(interrupt);
         drop(before);
         Ok(())

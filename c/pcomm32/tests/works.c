@@ -2,6 +2,7 @@
  * tells. `works turbo` has a Turbo board. */
 #include "check.h"
 #include <pthread.h>
+#include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -143,13 +144,17 @@ static void lines(void)
     CHECK(PmacGetAsciiComm(0) == DPR);
 }
 
-static volatile int calls;
+static volatile int calls, took_signals;
 static char called_with[64];
 
 static void WINAPI interrupt(DWORD number, PINTRBUFFER buffer)
 {
     if (number == 0xABCD && buffer)
         snprintf(called_with, sizeof called_with, "%s", buffer->lpData);
+    sigset_t blocked;
+    pthread_sigmask(SIG_BLOCK, NULL, &blocked);
+    took_signals += !sigismember(&blocked, SIGALRM) || !sigismember(&blocked, SIGRTMIN);
+    took_signals += sigismember(&blocked, SIGSEGV);
     calls++;
 }
 
@@ -172,6 +177,11 @@ static void texts(void)
     for (int tries = 0; tries < 200 && !(calls && USReadReady(0)); tries++)
         Sleep(50);
     CHECK(calls == 1);
+    /* The program's handlers run in its own threads, which take signals as before. */
+    EQUAL(took_signals, 0);
+    sigset_t blocked;
+    pthread_sigmask(SIG_BLOCK, NULL, &blocked);
+    CHECK(!sigismember(&blocked, SIGALRM));
     SAME(called_with, "hello\r");
     CHECK(GetUSResponse(0, text, sizeof text));
     SAME(text, "hello\r");

@@ -5,7 +5,7 @@ use std::ffi::c_char;
 use super::{BOOL, DWORD, FALSE, TRUE, int, truth};
 use crate::border::{Place, Room, Text, exports};
 use crate::download::{self, Download, Told};
-use crate::{rotary, status, texts};
+use crate::{process, rotary, status, texts};
 
 /// A buffer's number; a number that no board has for one that is none.
 fn buffer(index: DWORD) -> u16 {
@@ -106,8 +106,10 @@ exports! {
         _macro: BOOL, _map: BOOL, _log: BOOL, sends: BOOL
     ) -> int = 0 => {
         let (download, callbacks, file) = (Download::new(number), Callbacks(message, progress), file.copy());
-        let thread = std::thread::Builder::new().name("pcomm32-download".to_owned());
-        int::from(thread.spawn(move || run(&download, &callbacks, file, sends)).is_ok())
+        let work = move || {
+            run(&download, &callbacks, file, sends);
+        };
+        int::from(process::spawn("pcomm32-download", work).is_ok())
     };
     /// As `PmacDownloadA`, without callbacks.
     PmacDownloadFile(number: DWORD, file: Text) -> () = () => {
