@@ -127,6 +127,34 @@ static void daemon_dies(void)
     CHECK(is_live());
 }
 
+static int restarts;
+
+static void WINAPI restart(LONG percent)
+{
+    if (percent == 1 && !restarts++) {
+        /* The daemon's last word on these lines has come. */
+        Sleep(300);
+        ask_for("kill");
+        ask_for("start");
+    }
+}
+
+/* No line runs twice, and the error tells how far the download came. */
+static void daemon_restarts_amid_a_download(void)
+{
+    char why[512];
+    FILE *file = fopen(lines, "w");
+    for (int line = 0; line < 800; line++)
+        fputs("P30=P30+1\n", file);
+    fclose(file);
+    EQUAL(PmacDownloadA(0, NULL, NULL, restart, lines, 0, 0, 0, 1), 0);
+    EQUAL(restarts, 1);
+    EQUAL(PmacGetError(0), -1);
+    PmacGetErrorStrA(0, why, sizeof why);
+    CHECK(strstr(why, "8 of 800 lines succeeded") != NULL);
+    EQUAL(PmacGetVariableLong(0, 'P', 30, -1), 0);
+}
+
 int main(void)
 {
     const DWORD wrong[] = {1, 7, 8, 99, 0x80000000u, 0xFFFFFFFFu};
@@ -141,6 +169,7 @@ int main(void)
     CHECK(OpenPmacDevice(0));
     missing_arguments();
     daemon_dies();
+    daemon_restarts_amid_a_download();
     CHECK(ClosePmacDevice(0));
     nothing_works(0);
     remove(lines);

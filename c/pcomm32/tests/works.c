@@ -85,6 +85,23 @@ static void responses(void)
     for (int tries = 0; tries < 600 && strcmp(ask("P"), "300\r") != 0; tries++)
         Sleep(50);
     SAME(ask("P"), "300\r");
+    /* Behind a line that fails only stops go out. The error tells how many lines ran. */
+    ask("#3J+");
+    CHECK(IS_COMM_ERROR((DWORD)PmacGetResponseExA(0, text, sizeof text, "P4=2\nXYZZY\nP4=3\n#3J/")));
+    EQUAL(PmacGetError(0), 3);
+    PmacGetErrorStrA(0, text, sizeof text);
+    CHECK(strstr(text, "2 of 4 lines succeeded") != NULL);
+    SAME(ask("P4"), "2\r");
+    char still[64];
+    for (int tries = 0; tries < 100; tries++) {
+        strcpy(still, ask("P"));
+        Sleep(50);
+        if (strcmp(ask("P"), still) == 0)
+            break;
+    }
+    Sleep(200);
+    SAME(ask("P"), still);
+
     ask("OPEN PROG 17");
     CHECK(InBufferedMode(0));
     ask("CLEAR");
@@ -121,6 +138,11 @@ static void lines(void)
     CHECK(PmacReadReady(0));
     EQUAL(PmacGetLineA(0, text, sizeof text), 0);
     CHECK(!PmacReadReady(0));
+
+    /* A success has nothing of the failure before. */
+    EQUAL(PmacSendLineA(0, "XYZZY"), 0);
+    CHECK(PmacSendLineA(0, "P6=1") > 0);
+    CHECK((DWORD)PmacGetLineExA(0, text, sizeof text) == COMM_EOT);
 
     CHECK(PmacSendLineA(0, "P1..3") > 0);
     EQUAL(PmacGetBufferA(0, text, sizeof text), 6);
@@ -290,7 +312,7 @@ static void memory(void)
     CHECK(PmacGetError(0) != 0);
 }
 
-static int messages, percent;
+static volatile int messages, percent;
 
 static void WINAPI message(LPSTR text, BOOL newline)
 {
@@ -331,6 +353,19 @@ static void downloads(void)
     fclose(program);
     EQUAL(PmacDownloadA(0, message, NULL, progress, file, FALSE, FALSE, FALSE, TRUE), 0);
     CHECK(messages > 0);
+
+    /* An abort counts from the start on: it lets one call of lines through. */
+    program = fopen(file, "w");
+    for (int line = 0; line < 400; line++)
+        fputs("P22=P22+1\n", program);
+    fclose(program);
+    ask("P22=0");
+    messages = 0;
+    CHECK(PmacThreadDownloadA(0, message, NULL, progress, file, FALSE, FALSE, FALSE, TRUE) != 0);
+    PmacAbortDownload(0);
+    for (int tries = 0; tries < 100 && messages == 0; tries++)
+        Sleep(50);
+    CHECK(messages > 0 && PmacGetVariableLong(0, 'P', 22, -1) <= 8);
     remove(file);
     EQUAL(PmacDownloadA(0, message, NULL, progress, file, FALSE, FALSE, FALSE, TRUE), 0);
 }
@@ -350,6 +385,12 @@ static void *talk(void *of)
     return NULL;
 }
 
+static void *fetch(void *text)
+{
+    PmacGetLineA(0, text, 64);
+    return NULL;
+}
+
 static void threads_and_processes(void)
 {
     pthread_t threads[4];
@@ -361,6 +402,16 @@ static void threads_and_processes(void)
         pthread_join(threads[i], &wrong);
         CHECK(wrong == NULL);
     }
+    /* While this thread holds the device, another takes none of its replies. */
+    char text[64], theirs[64] = "#";
+    LockPmac(0);
+    CHECK(PmacSendLineA(0, "P301") > 0);
+    pthread_create(&threads[0], NULL, fetch, theirs);
+    Sleep(300);
+    CHECK(PmacGetLineA(0, text, sizeof text) > 1);
+    ReleasePmac(0);
+    pthread_join(threads[0], NULL);
+    SAME(theirs, "");
     /* A child has connections of its own; the parent's go on. */
     int status = -1;
     pid_t child = fork();
