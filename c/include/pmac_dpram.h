@@ -522,12 +522,15 @@ pmac_status pmac_jog_begin(const pmac_board *board,
                            pmac_jog **jog,
                            pmac_error *error);
 
-/* 1 while the motor is held; 0 after the stop, also when the daemon has stopped it. */
+/*
+ 1 while the motor is held; 0 after pmac_jog_stop, however that ended, and when the daemon has stopped the motor. During
+ pmac_jog_stop of another thread it waits.
+ */
 pmac_status pmac_jog_is_held(const pmac_jog *jog, int32_t *is_held, pmac_error *error);
 
 /*
- Stops the motor, and returns when the board has taken the stop. PMAC_STOP_FAILED: the motor may be moving. A jog that
- is over gives PMAC_OK.
+ Stops the motor, and returns when the board has taken the stop. PMAC_STOP_FAILED: the motor may be moving. Every
+ further call by the handle, also of a thread that waited meanwhile, returns the same, and stops nothing.
  */
 pmac_status pmac_jog_stop(const pmac_jog *jog, pmac_error *error);
 

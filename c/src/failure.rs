@@ -114,7 +114,7 @@ impl Status {
 }
 
 /// Why a call failed.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Failure {
     pub status: Status,
     /// The number of the board's `ERRnnn`.

@@ -1,5 +1,6 @@
 //! What a connection of its own does: the texts of the board's programs, and held jogs.
 
+use std::mem;
 use std::time::Duration;
 
 use driver::client::{CommandError, HeldJog, Messages as Stream};
@@ -43,7 +44,15 @@ impl Messages {
 /// A jog that lasts as long as its handle.
 pub struct Jog {
     motor: u8,
-    held: Owned<Option<HeldJog>>,
+    state: Owned<State>,
+}
+
+/// How a jog stands.
+enum State {
+    /// The library renews the jog.
+    Held(HeldJog),
+    /// How its stop ended. Every later stop tells the same.
+    Over(Result<(), Failure>),
 }
 
 impl Jog {
@@ -55,19 +64,26 @@ impl Jog {
             _ => return Err(Failure::argument("direction 0 is none; pass 1 or -1")),
         };
         let held = HeldJog::begin(board.connect()?, action, &[motor])?;
-        Ok(Self { motor, held: Owned::new(Some(held)) })
+        Ok(Self { motor, state: Owned::new(State::Held(held)) })
     }
 
     /// Whether the motor is still held; false when the daemon has stopped it.
     pub fn is_held(&self) -> Result<bool, Failure> {
-        Ok(self.held.lock()?.as_ref().is_some_and(HeldJog::is_held))
+        Ok(matches!(&*self.state.lock()?, State::Held(held) if held.is_held()))
     }
 
     /// Stops the motor, and returns when the board has taken the stop.
     pub fn stop(&self) -> Result<(), Failure> {
-        let held = self.held.lock()?.take();
-        let Some(held) = held else { return Ok(()) };
-        held.stop().map(drop).map_err(|error| self.not_stopped(error))
+        // The lock lasts through the stop: another thread that stops this jog waits, and hears how the stop ended.
+        let mut state = self.state.lock()?;
+        let fault = format!("motor {} may be moving: this library has a fault in its stop", self.motor);
+        let if_it_panics = State::Over(Err(Failure::new(Status::StopFailed, fault)));
+        let ended = match mem::replace(&mut *state, if_it_panics) {
+            State::Held(held) => held.stop().map(drop).map_err(|error| self.not_stopped(error)),
+            State::Over(ended) => ended,
+        };
+        *state = State::Over(ended.clone());
+        ended
     }
 
     /// Without `pmacd` nobody stops the motor: the error must say so, and not only that the stop failed.

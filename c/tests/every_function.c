@@ -327,7 +327,7 @@ static void motion(pmac_board *board)
     CHECK(motor_now(board, 2).position < 0);
     was_held = stopped(jog);
     CHECK(was_held <= is_held);
-    GIVES(PMAC_OK, pmac_jog_stop(jog, &error));
+    GIVES(was_held ? PMAC_OK : PMAC_REFUSED, pmac_jog_stop(jog, &error));
     GIVES(PMAC_OK, pmac_jog_is_held(jog, &is_held, &error));
     CHECK(is_held == 0);
     pmac_jog_free(jog);
@@ -507,6 +507,19 @@ static void forks(pmac_board *board)
 
 #endif
 
+struct stopper {
+    pthread_t thread;
+    pmac_jog *jog;
+    pmac_status status;
+};
+
+static void *stop(void *argument)
+{
+    struct stopper *stopper = argument;
+    stopper->status = pmac_jog_stop(stopper->jog, NULL);
+    return NULL;
+}
+
 static void without_daemon(pmac_board *board, pid_t daemon)
 {
     const char *const names[] = {"P301"};
@@ -518,14 +531,27 @@ static void without_daemon(pmac_board *board, pid_t daemon)
     pmac_moment moment;
     pmac_jog *jog;
     pmac_gathered *gathered;
+    struct stopper stoppers[2];
     double value;
-    int look;
+    int32_t is_held;
+    int look, number;
     GIVES(PMAC_OK, pmac_updates_open(board, &updates, &error));
     GIVES(PMAC_OK, pmac_messages_open(board, &found, &error));
     GIVES(PMAC_OK, pmac_jog_begin(board, 1, 1, &jog, &error));
     kill(daemon, SIGKILL);
+    /* Of two threads that stop the jog, neither hears that it stands; nor does a later call. */
+    for (number = 0; number < 2; number++) {
+        stoppers[number] = (struct stopper){.jog = jog, .status = PMAC_OK};
+        pthread_create(&stoppers[number].thread, NULL, stop, &stoppers[number]);
+    }
+    for (number = 0; number < 2; number++) {
+        pthread_join(stoppers[number].thread, NULL);
+        CHECK(stoppers[number].status == PMAC_STOP_FAILED);
+    }
     GIVES(PMAC_STOP_FAILED, pmac_jog_stop(jog, &error));
     CHECK(strstr(error.text, "may be moving") != NULL);
+    GIVES(PMAC_OK, pmac_jog_is_held(jog, &is_held, &error));
+    CHECK(is_held == 0);
     pmac_jog_free(jog);
     GIVES(PMAC_GONE, pmac_messages_next(found, 5000, &message, sizeof message, &error));
     GIVES(PMAC_GONE, pmac_messages_next(found, 5000, &message, sizeof message, &error));

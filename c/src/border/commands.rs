@@ -149,7 +149,8 @@ pub extern "C" fn pmac_jog_begin(
     made(error, jog, || Jog::new(given(board, "board")?, motor, direction))
 }
 
-/// 1 while the motor is held; 0 after the stop, also when the daemon has stopped it.
+/// 1 while the motor is held; 0 after pmac_jog_stop, however that ended, and when the daemon has stopped the motor. During
+/// pmac_jog_stop of another thread it waits.
 #[unsafe(no_mangle)]
 pub extern "C" fn pmac_jog_is_held(
     jog: Option<&Jog>,
@@ -163,8 +164,8 @@ pub extern "C" fn pmac_jog_is_held(
     })
 }
 
-/// Stops the motor, and returns when the board has taken the stop. PMAC_STOP_FAILED: the motor may be moving. A jog that
-/// is over gives PMAC_OK.
+/// Stops the motor, and returns when the board has taken the stop. PMAC_STOP_FAILED: the motor may be moving. Every
+/// further call by the handle, also of a thread that waited meanwhile, returns the same, and stops nothing.
 #[unsafe(no_mangle)]
 pub extern "C" fn pmac_jog_stop(jog: Option<&Jog>, error: Option<&mut MaybeUninit<Error>>) -> Status {
     ended(error, || {
