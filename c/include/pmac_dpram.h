@@ -558,7 +558,7 @@ pmac_status pmac_variable_write(const pmac_board *board,
 /*
  Has the board gather the `count` sources (as "1.actual_position", "servo_timer", "Y:$C003") each `period` servo cycles
  for `seconds`, and returns at the end. `keep_going` (or NULL) is called many times a second with `context`; when it returns
- 0, the gather ends with PMAC_HALTED. It must not throw.
+ 0, the gather ends with PMAC_HALTED, or, if the daemon does not end it, with that error. It must not throw.
  */
 pmac_status pmac_gather(const pmac_board *board,
                         const char *const *sources,
@@ -593,7 +593,8 @@ void pmac_gathered_free(pmac_gathered *gathered);
  Errors name it `name`. `options_size` is `sizeof(pmac_rotary_options)`, `streamed_size` `sizeof(pmac_streamed)`;
  `streamed` may be NULL.
  `*warnings` (or NULL) gets how the board's program differs from the text: free it. `keep_going`: as in pmac_gather.
- If an error or the caller ends the stream early, the daemon ends the program, too.
+ If an error or the caller ends the stream early, the daemon ends the program, too. PMAC_STOP_FAILED: the caller ended the
+ stream, but the program may run on.
  */
 pmac_status pmac_rotary(const pmac_board *board,
                         const char *name,

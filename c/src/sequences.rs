@@ -104,8 +104,8 @@ pub fn stream(
     let connections = (board.connect()?, board.connect()?);
     let failed = |StreamError { said, cause, began }| {
         let failure = Failure::from(cause).saying(said);
-        // An uncertain end stays one; any other error in mid-stream is no call of which nothing was done.
-        if began && failure.status != Status::Uncertain {
+        // An uncertain end and a failed stop stay that; any other error in mid-stream is no call of which nothing was done.
+        if began && !matches!(failure.status, Status::Uncertain | Status::StopFailed) {
             return Failure { status: Status::Ended, ..failure };
         }
         failure

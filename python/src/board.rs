@@ -6,8 +6,8 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::{
-    Board as Client, ClientError, CommandError, Connection, HeldJog, OwnBuffer, Staleness, StreamOptions,
-    gather_all, stream_all,
+    Board as Client, ClientError, CommandError, Connection, HeldJog, OwnBuffer, Staleness, StreamError,
+    StreamOptions, gather_all, stream_all,
 };
 use pmac_dpram::protocol::calls::LeftLines;
 use pmac_dpram::protocol::control::parse;
@@ -32,11 +32,12 @@ pub fn duration(seconds: f64) -> PyResult<Duration> {
 }
 
 /// Does `action`, which asks often whether it shall go on, while other Python threads go on. A signal whose handler
-/// raises ends it.
+/// raises ends it; if that end fails, the failure, which `of` makes an exception, is the cause of the handler's one.
 fn until_signal<R: Send, E: Send>(
     py: Python<'_>,
+    of: impl FnOnce(E) -> PyErr,
     action: impl FnOnce(&mut dyn FnMut() -> bool) -> Result<Option<R>, E> + Send,
-) -> PyResult<Result<R, E>> {
+) -> PyResult<R> {
     let (done, raised) = py.detach(|| {
         let mut raised = None;
         let done = action(&mut || {
@@ -46,8 +47,12 @@ fn until_signal<R: Send, E: Send>(
         (done, raised)
     });
     match (done.transpose(), raised) {
+        (Some(Err(error)), Some(raised)) => {
+            raised.set_cause(py, Some(of(error)));
+            Err(raised)
+        }
         (_, Some(raised)) => Err(raised),
-        (Some(done), None) => Ok(done),
+        (Some(done), None) => done.map_err(of),
         (None, None) => Err(refused("it was ended")),
     }
 }
@@ -297,10 +302,10 @@ impl Board {
         let time = duration(seconds)?;
         let mut client = py.detach(|| Client::attach(self.name.as_str())).map_err(of_client)?;
         let connection = py.detach(|| self.connect()).map_err(of_command)?;
-        let gathered = until_signal(py, |goes_on| {
+        let gathered = until_signal(py, of_client, |goes_on| {
             gather_all(&mut client, connection, &sources, (period, time), goes_on)
         })?;
-        Ok(Gathered(gathered.map_err(of_client)?))
+        Ok(Gathered(gathered))
     }
 
     /// Streams the program `text` to a rotary buffer; see `Board.rotary` of the package.
@@ -327,8 +332,10 @@ impl Board {
         let timeout = duration(timeout)?;
         let options = StreamOptions { coordinate_system: cs, define_longs: define, run, left, timeout };
         let connections = py.detach(|| Ok((self.connect()?, self.connect()?))).map_err(of_command)?;
-        let streamed = until_signal(py, |goes_on| stream_all(connections, (name, text), &options, goes_on))?;
-        Ok(Streamed(streamed.map_err(|error| of_command_saying(error.cause, &error.said))?))
+        let of = |error: StreamError| of_command_saying(error.cause, &error.said);
+        let streamed =
+            until_signal(py, of, |goes_on| stream_all(connections, (name, text), &options, goes_on))?;
+        Ok(Streamed(streamed))
     }
 
     /// A jog that lasts as long as its `with` block; the daemon stops it if this process dies or hangs. The daemon

@@ -86,3 +86,22 @@ def test_a_signal_ends_the_stream_and_its_program(site, board):
     finally:
         signal.signal(signal.SIGUSR1, before)
     site.until(lambda: not board.snapshot().system[1].status.running_program, "the end of the program")
+
+
+def test_a_signal_whose_stop_fails_tells_that_the_program_may_run_on(site, board):
+    class Enough(Exception):
+        pass
+
+    def enough(*_):
+        site.kill_daemon()
+        raise Enough
+
+    before = signal.signal(signal.SIGUSR1, enough)
+    threading.Timer(1.0, lambda: signal.raise_signal(signal.SIGUSR1)).start()
+    try:
+        with pytest.raises(Enough) as raised:
+            board.rotary((f"X{number % 100}" for number in range(5000)), define=100, run=True)
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    assert isinstance(raised.value.__cause__, pmac_dpram.PmacError)
+    assert "the program may run on" in str(raised.value.__cause__)

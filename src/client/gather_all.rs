@@ -74,7 +74,7 @@ struct Wish {
 /// `time`. `goes_on` is asked many times a second; when it says no, the gather ends and the result is `None`.
 ///
 /// # Errors
-/// [`ClientError`], also if the gather ends early.
+/// [`ClientError`], also if the gather ends early, or not as the caller wants it to.
 pub fn gather_all(
     board: &mut Board,
     mut connection: Connection,
@@ -125,7 +125,12 @@ pub fn gather_all(
     // In any case: no other client can gather before this.
     let stopped = connection.gather_stop(None);
     if !followed? {
-        return Ok(None);
+        return match stopped {
+            Ok(reply) if reply.notes.is_empty() => Ok(None),
+            Ok(reply) => Err(ended(reply.notes.join("; "))),
+            Err(error) if error.is_uncertain() => Err(error.into()),
+            Err(error) => Err(ended(format_args!("the board may go on gathering: {error}"))),
+        };
     }
     let (reason, notes) = match stopped {
         Ok(reply) => (reply.reason, reply.notes),

@@ -100,7 +100,7 @@ struct Stream<'a> {
 /// If an error or the caller ends the stream early, the daemon ends the program, too.
 ///
 /// # Errors
-/// [`StreamError`].
+/// [`StreamError`]; its cause is [`CallError::StopFailed`] if the caller ended the stream and the program may run on.
 pub fn stream_all(
     (mut owner, mut board): (Connection, Connection),
     (name, text): (&str, &[u8]),
@@ -236,7 +236,7 @@ impl Stream<'_> {
         let reason = match fed {
             Ok(()) => None,
             Err(Halt::Reason(reason)) => Some(reason),
-            Err(Halt::Caller) => return Ok(None),
+            Err(Halt::Caller) => return self.halted(stopped).map(|()| None),
         };
         let stop = match (stopped, reason.clone()) {
             (Ok(stop), _) => stop,
@@ -257,6 +257,18 @@ impl Stream<'_> {
             return Err(refused(stop.notes.join("; ")));
         }
         Ok(Some(self.board.rotary_state(self.buffer).unwrap_or_default().underruns))
+    }
+
+    /// The caller wanted no more. An error if the program may run on.
+    fn halted(&self, stopped: Result<RotaryStopReply, CommandError>) -> Result<(), StreamError> {
+        let why = match stopped {
+            Ok(stop) if stop.notes.is_empty() => return Ok(()),
+            Ok(stop) => stop.notes.join("; "),
+            Err(error) => error.to_string(),
+        };
+        let what = format!("the caller ended the stream, but the program may run on: {why}");
+        let reason = self.placed(self.feed.inside(), &what);
+        Err(CommandError::from(CallError::StopFailed { reason }).into())
     }
 
     /// `NAME:LINE: what`, for the line with this index.

@@ -29,6 +29,7 @@ mod fuzz_corpus;
 mod gather;
 mod gather_owner;
 mod gather_program;
+mod halted;
 mod host_port;
 mod inherited;
 mod jog;

@@ -51,7 +51,7 @@ pub extern "C" fn pmac_variable_write(
 
 /// Has the board gather the `count` sources (as "1.actual_position", "servo_timer", "Y:$C003") each `period` servo cycles
 /// for `seconds`, and returns at the end. `keep_going` (or NULL) is called many times a second with `context`; when it returns
-/// 0, the gather ends with PMAC_HALTED. It must not throw.
+/// 0, the gather ends with PMAC_HALTED, or, if the daemon does not end it, with that error. It must not throw.
 #[unsafe(no_mangle)]
 pub extern "C" fn pmac_gather(
     board: Option<&Board>,
@@ -113,7 +113,8 @@ pub extern "C" fn pmac_gathered_free(gathered: Option<Box<Gathered>>) {
 /// Errors name it `name`. `options_size` is `sizeof(pmac_rotary_options)`, `streamed_size` `sizeof(pmac_streamed)`;
 /// `streamed` may be NULL.
 /// `*warnings` (or NULL) gets how the board's program differs from the text: free it. `keep_going`: as in pmac_gather.
-/// If an error or the caller ends the stream early, the daemon ends the program, too.
+/// If an error or the caller ends the stream early, the daemon ends the program, too. PMAC_STOP_FAILED: the caller ended the
+/// stream, but the program may run on.
 #[unsafe(no_mangle)]
 pub extern "C" fn pmac_rotary(
     board: Option<&Board>,
