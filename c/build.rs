@@ -1,4 +1,5 @@
-//! Gives the shared library its SONAME, and every symbol that name as its version.
+//! Gives the shared library its SONAME, and every symbol that name as its version. The library stays in memory: a program
+//! may unload it while a thread of the library renews a jog.
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
@@ -7,7 +8,7 @@ fn main() {
     }
     // rustc's own version script is anonymous, and no linker takes a second script with names. GNU ld makes the versions
     // without a script.
-    for argument in ["-Wl,-soname,libpmac_dpram.so.1", "-fuse-ld=bfd", "-Wl,--default-symver"] {
+    for argument in ["-Wl,-soname,libpmac_dpram.so.1,-z,nodelete", "-fuse-ld=bfd", "-Wl,--default-symver"] {
         println!("cargo:rustc-cdylib-link-arg={argument}");
     }
 }
