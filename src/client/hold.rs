@@ -4,9 +4,12 @@
 //! or stopped, or its machine is too busy. So the jog never outlives this process, by the control panel or by command
 //! line. A jog by command line also stops as soon as the holder's connection is gone.
 
+use std::io;
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
-use std::thread::JoinHandle;
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
+
+use nix::sys::signal::{SigSet, SigmaskHow};
 
 use super::command::{CommandError, Connection, SendAs};
 use crate::language::deadlines;
@@ -51,7 +54,7 @@ impl HeldJog {
             return Self::begin_by_line(connection, action, numbers);
         }
         connection.panel_hold(action, numbers)?;
-        Ok(Self::renewed(connection, numbers, |connection, _| connection.panel_renew()))
+        Self::renewed(connection, numbers, |connection, _| connection.panel_renew())
     }
 
     fn begin_by_line(mut connection: Connection, action: &str, numbers: &[u8]) -> Result<Self, CommandError> {
@@ -68,7 +71,7 @@ impl HeldJog {
             ..SendAs::default()
         };
         connection.send_as(&line, deadlines::PLAIN, send_as)?;
-        Ok(Self::renewed(connection, numbers, |connection, numbers| {
+        Self::renewed(connection, numbers, |connection, numbers| {
             // As by the panel, the hold of several motors ends with the first of them.
             let going = connection.jog_renew()?;
             if numbers.iter().all(|number| going.contains(number)) {
@@ -77,7 +80,7 @@ impl HeldJog {
             let reason = "the jog is over: pmacd has stopped it, or a motor stands or obeys another command; that motor gets no stop, \
                           others of the jog do";
             Err(CallError::Refused { reason: reason.to_owned() }.into())
-        }))
+        })
     }
 
     /// A jog that has begun; `renew` renews it.
@@ -85,18 +88,21 @@ impl HeldJog {
         mut connection: Connection,
         numbers: &[u8],
         renew: impl Fn(&mut Connection, &[u8]) -> Result<(), CommandError> + Send + 'static,
-    ) -> Self {
+    ) -> Result<Self, CommandError> {
         let (tell, told) = sync_channel::<()>(0);
         let motors = numbers.to_vec();
         // After an error the connection ends at once: the daemon stops the motors that still jog.
-        let renewing = std::thread::spawn(move || {
+        let renewing = without_signals(move || {
             while matches!(told.recv_timeout(RENEW), Err(RecvTimeoutError::Timeout)) {
                 renew(&mut connection, &motors)?;
             }
             Ok(connection)
         });
+        let renewing = renewing.map_err(|error| CallError::Interrupted {
+            reason: format!("no thread can renew the jog ({error}), so pmacd stops it"),
+        })?;
         let process = std::process::id();
-        Self { numbers: numbers.to_vec(), process, tell: Some(tell), renewing: Some(renewing) }
+        Ok(Self { numbers: numbers.to_vec(), process, tell: Some(tell), renewing: Some(renewing) })
     }
 
     /// Whether this process still renews the jog; false after the daemon has ended it or cannot be reached, and in a
@@ -147,11 +153,38 @@ impl HeldJog {
     }
 }
 
+/// Begins a thread in which no handler of the program's signals runs: it could hold up the renewal.
+fn without_signals<R: Send + 'static>(run: impl FnOnce() -> R + Send + 'static) -> io::Result<JoinHandle<R>> {
+    // The new thread inherits the mask.
+    let before = SigSet::all().thread_swap_mask(SigmaskHow::SIG_SETMASK)?;
+    let begun = thread::Builder::new().name("jog".to_owned()).spawn(run);
+    before.thread_set_mask()?;
+    begun
+}
+
 impl Drop for HeldJog {
     fn drop(&mut self) {
         if self.renewing.is_some() {
             // If it fails, the connection is closed and the daemon requests the stop.
             let _ = self.end();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nix::sys::signal::Signal;
+
+    use super::*;
+
+    #[test]
+    fn no_signal_is_handled_in_the_thread_and_the_caller_handles_them_as_before() {
+        let mask = || SigSet::thread_get_mask().unwrap();
+        let before = mask();
+        let inside = without_signals(mask).unwrap().join().unwrap();
+        for signal in [Signal::SIGTERM, Signal::SIGALRM, Signal::SIGUSR1, Signal::SIGPROF] {
+            assert!(inside.contains(signal), "{signal}");
+        }
+        assert_eq!(mask(), before);
     }
 }
