@@ -353,7 +353,8 @@ static void sequences(pmac_board *board)
     pmac_rotary_options options;
     pmac_streamed streamed;
     pmac_reply *warnings;
-    int asked = 0;
+    static char many[9000];
+    int asked = 0, line;
     GIVES(PMAC_OK, pmac_gather(board, sources, 2, 1, 0.2, NULL, NULL, &gathered, &error));
     GIVES(PMAC_OK, pmac_gathered_size(gathered, &info, sizeof info, &error));
     CHECK(info.columns == 2 && info.rows > 300 && info.lost == 0);
@@ -382,6 +383,15 @@ static void sequences(pmac_board *board)
     CHECK(streamed.lines == 3 && streamed.commands >= 3 && pmac_reply_count(warnings) == 0);
     pmac_reply_free(warnings);
     GIVES(PMAC_OK, pmac_command(board, "&1Q", 5000, 0, NULL, &error));
+    /* Of more lines than both buffers hold the board takes no more; a time-out of 0 is a minute and no immediate end. */
+    for (line = 0; line < (int)sizeof many / 3; line++)
+        memcpy(many + 3 * line, "X1\n", 3);
+    options.flags = PMAC_ROTARY_CLEAR;
+    options.timeout_ms = 0;
+    asked = 0;
+    GIVES(PMAC_HALTED, pmac_rotary(board, "many", (const uint8_t *)many, sizeof many, &options, sizeof options, once, &asked,
+                                   NULL, 0, NULL, &error));
+    CHECK(asked == 2);
     GIVES(PMAC_REFUSED, pmac_rotary(board, "wrong", (const uint8_t *)"IF (P1>2)", 9, &options, sizeof options, NULL, NULL,
                                     &streamed, sizeof streamed, NULL, &error));
     CHECK(strncmp(error.text, "wrong:1:1:", 10) == 0);
@@ -507,6 +517,21 @@ static void forks(pmac_board *board)
 
 #endif
 
+struct killer {
+    pmac_board *board;
+    pid_t daemon;
+    pmac_jog *jog;
+};
+
+/* Begins a jog, kills the daemon, and ends the stream. */
+static int32_t killed(void *context)
+{
+    struct killer *killer = context;
+    GIVES(PMAC_OK, pmac_jog_begin(killer->board, 1, 1, &killer->jog, &error));
+    kill(killer->daemon, SIGKILL);
+    return 0;
+}
+
 struct stopper {
     pthread_t thread;
     pmac_jog *jog;
@@ -532,27 +557,34 @@ static void without_daemon(pmac_board *board, pid_t daemon)
     pmac_jog *jog;
     pmac_gathered *gathered;
     struct stopper stoppers[2];
+    pmac_rotary_options options;
+    struct killer killer = {.board = board, .daemon = daemon};
     double value;
     int32_t is_held;
     int look, number;
     GIVES(PMAC_OK, pmac_updates_open(board, &updates, &error));
     GIVES(PMAC_OK, pmac_messages_open(board, &found, &error));
-    GIVES(PMAC_OK, pmac_jog_begin(board, 1, 1, &jog, &error));
-    kill(daemon, SIGKILL);
+    memset(&options, 0, sizeof options);
+    options.coordinate_system = 1;
+    options.define_longs = 1000;
+    options.flags = PMAC_ROTARY_CLEAR;
+    GIVES(PMAC_STOP_FAILED, pmac_rotary(board, "x", (const uint8_t *)"X1", 2, &options, sizeof options, killed, &killer, NULL,
+                                        0, NULL, &error));
+    CHECK(strstr(error.text, "the program may run on") != NULL);
     /* Of two threads that stop the jog, neither hears that it stands; nor does a later call. */
     for (number = 0; number < 2; number++) {
-        stoppers[number] = (struct stopper){.jog = jog, .status = PMAC_OK};
+        stoppers[number] = (struct stopper){.jog = killer.jog, .status = PMAC_OK};
         pthread_create(&stoppers[number].thread, NULL, stop, &stoppers[number]);
     }
     for (number = 0; number < 2; number++) {
         pthread_join(stoppers[number].thread, NULL);
         CHECK(stoppers[number].status == PMAC_STOP_FAILED);
     }
-    GIVES(PMAC_STOP_FAILED, pmac_jog_stop(jog, &error));
+    GIVES(PMAC_STOP_FAILED, pmac_jog_stop(killer.jog, &error));
     CHECK(strstr(error.text, "may be moving") != NULL);
-    GIVES(PMAC_OK, pmac_jog_is_held(jog, &is_held, &error));
+    GIVES(PMAC_OK, pmac_jog_is_held(killer.jog, &is_held, &error));
     CHECK(is_held == 0);
-    pmac_jog_free(jog);
+    pmac_jog_free(killer.jog);
     GIVES(PMAC_GONE, pmac_messages_next(found, 5000, &message, sizeof message, &error));
     GIVES(PMAC_GONE, pmac_messages_next(found, 5000, &message, sizeof message, &error));
     pmac_messages_free(found);
