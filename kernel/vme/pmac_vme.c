@@ -31,6 +31,8 @@
  * Tested with the kernel's vme_fake bridge, a simulated card, and Linux 6.1 and 6.12. UNTESTED with hardware: no Tsi148
  * and no card was there. Linux has dropped its driver for the Universe II: with that bridge this module has no bus.
  */
+#define pr_fmt(fmt)	KBUILD_MODNAME ": " fmt
+
 #include <linux/device.h>
 #include <linux/fs.h>
 #include <linux/mm.h>
@@ -74,12 +76,10 @@ static unsigned int bits[PMAC_CARDS] = { [0 ... PMAC_CARDS - 1] = 24 };
 module_param_array(bits, uint, NULL, 0444);
 MODULE_PARM_DESC(bits, "width of each card's addresses: 16, 24 or 32 (default 24)");
 
-/* A UIO device and the vector it counts. */
+/* A UIO device, and the vector it counts once it is there. */
 struct pmac_vector {
 	struct uio_info info;
-	struct vme_dev *vdev;
-	int level;
-	int vector;
+	bool live;
 };
 
 struct pmac_window {
@@ -88,18 +88,25 @@ struct pmac_window {
 };
 
 struct pmac_card {
+	struct vme_dev *vdev;
 	struct pmac_window windows[2];		/* as the maps of the UIO device: DPRAM, mailboxes */
 	struct pmac_vector vectors[3];		/* v-1, v, v+1 */
+	unsigned int requested;			/* of the vectors, from the first on */
 	struct inode *inode;			/* of the device's node, once that was opened; UIO serialises open */
 };
 
-/* The cards found, and why the last of those that failed did. */
+/* The cards found, why the last of those that failed did, and whether a UIO device has ever been there to be opened. */
 static unsigned int pmac_found;
 static int pmac_error;
+static bool pmac_public;
+static bool pmac_registered;
 
-static void pmac_interrupt(int level, int vector, void *info)
+static void pmac_interrupt(int level, int vector, void *data)
 {
-	uio_event_notify(info);
+	struct pmac_vector *v = data;
+
+	if (smp_load_acquire(&v->live))
+		uio_event_notify(&v->info);
 }
 
 static int pmac_irqcontrol(struct uio_info *info, s32 on)
@@ -154,8 +161,6 @@ static int pmac_open_window(struct device *dev, struct pmac_window *window, stru
 	struct vme_dev *vdev = container_of(dev, struct vme_dev, dev);
 	int err;
 
-	if (address % size)
-		return dev_err_probe(dev, -EINVAL, "%s=%#x is no multiple of %#x\n", name, address, size);
 	mem->name = name;
 	mem->addr = address & ~(SZ_64K - 1);
 	mem->offs = address & (SZ_64K - 1);
@@ -172,27 +177,50 @@ static int pmac_open_window(struct device *dev, struct pmac_window *window, stru
 	return 0;
 }
 
-static void pmac_free_vector(void *data)
+static void pmac_free_vectors(void *data)
 {
-	struct pmac_vector *v = data;
+	struct pmac_card *card = data;
+	int n = card->vdev->num;
 
-	vme_irq_free(v->vdev, v->level, v->vector);
+	while (card->requested)
+		vme_irq_free(card->vdev, level[n], vector[n] - 1 + --card->requested);
 }
 
-static int pmac_add_vector(struct device *dev, struct pmac_vector *v)
+static int pmac_request_vectors(struct pmac_card *card)
 {
-	int err;
+	int n = card->vdev->num;
+	int i, err;
 
-	v->info.version = PMAC_VERSION;
-	v->info.irq = UIO_IRQ_CUSTOM;
-	v->info.irqcontrol = pmac_irqcontrol;
-	err = devm_uio_register_device(dev, &v->info);
-	if (err)
-		return dev_err_probe(dev, err, "no UIO device %s\n", v->info.name);
-	err = vme_irq_request(v->vdev, v->level, v->vector, pmac_interrupt, &v->info);
-	if (err)
-		return dev_err_probe(dev, err, "level %d, vector %#x cannot be had\n", v->level, v->vector);
-	return devm_add_action_or_reset(dev, pmac_free_vector, v);
+	for (i = 0; i < ARRAY_SIZE(card->vectors); i++) {
+		err = vme_irq_request(card->vdev, level[n], vector[n] - 1 + i, pmac_interrupt, &card->vectors[i]);
+		if (err)
+			return dev_err_probe(&card->vdev->dev, err, "level %u, vector %#x cannot be had\n", level[n],
+					     vector[n] - 1 + i);
+		card->requested++;
+	}
+	return 0;
+}
+
+static int pmac_register_devices(struct pmac_card *card)
+{
+	struct device *dev = &card->vdev->dev;
+	int i, err;
+
+	/* The device with the maps comes last: the service that udev starts for it finds the others. */
+	for (i = 0; i < ARRAY_SIZE(card->vectors); i++) {
+		struct pmac_vector *v = &card->vectors[i];
+
+		v->info.version = PMAC_VERSION;
+		v->info.irq = UIO_IRQ_CUSTOM;
+		v->info.irqcontrol = pmac_irqcontrol;
+		/* A program may open it before the call returns. */
+		pmac_public = true;
+		err = devm_uio_register_device(dev, &v->info);
+		if (err)
+			return dev_err_probe(dev, err, "no UIO device %s\n", v->info.name);
+		smp_store_release(&v->live, true);
+	}
+	return 0;
 }
 
 static int pmac_add_card(struct vme_dev *vdev)
@@ -205,28 +233,19 @@ static int pmac_add_card(struct vme_dev *vdev)
 	u32 space;
 	int i, err;
 
-	if (level[n] < 1 || level[n] > 7)
-		return dev_err_probe(dev, -EINVAL, "level=%u: a VME bus has levels 1 to 7\n", level[n]);
-	if (vector[n] < 1 || vector[n] > 254)
-		return dev_err_probe(dev, -EINVAL, "vector=%#x leaves no room for v-1 and v+1\n", vector[n]);
-	if (bits[n] != 16 && bits[n] != 24 && bits[n] != 32)
-		return dev_err_probe(dev, -EINVAL, "bits=%u: a card takes 16, 24 or 32 bits of address\n", bits[n]);
+	/* pmac_init has checked the parameters. */
 	space = bits[n] == 16 ? VME_A16 : bits[n] == 24 ? VME_A24 : VME_A32;
-
 	card = devm_kzalloc(dev, sizeof(*card), GFP_KERNEL);
 	if (!card)
 		return -ENOMEM;
+	card->vdev = vdev;
 	for (i = 0; i < ARRAY_SIZE(card->vectors); i++) {
-		struct pmac_vector *v = &card->vectors[i];
-
-		v->vdev = vdev;
-		v->level = level[n];
-		v->vector = vector[n] - 1 + i;
-		v->info.name = devm_kasprintf(dev, GFP_KERNEL, names[i], n);
-		if (!v->info.name)
+		info = &card->vectors[i].info;
+		info->name = devm_kasprintf(dev, GFP_KERNEL, names[i], n);
+		if (!info->name)
 			return -ENOMEM;
 	}
-	info = &card->vectors[2].info;
+	/* The last has the maps. */
 	info->priv = card;
 	info->open = pmac_open;
 	info->mmap = pmac_mmap;
@@ -237,10 +256,17 @@ static int pmac_add_card(struct vme_dev *vdev)
 		err = pmac_open_window(dev, &card->windows[1], &info->mem[1], "mailbox", mailbox[n], PMAC_MAILBOX);
 	if (!err)
 		err = devm_add_action_or_reset(dev, pmac_end_maps, card);
-	/* The device with the maps comes last: the service that udev starts for it finds the others. */
-	for (i = 0; !err && i < ARRAY_SIZE(card->vectors); i++)
-		err = pmac_add_vector(dev, &card->vectors[i]);
+	if (err)
+		return err;
+	/* All that may be refused comes before the first device. The vectors go before the devices, so their action is last. */
+	err = pmac_request_vectors(card);
 	if (!err)
+		err = pmac_register_devices(card);
+	if (!err)
+		err = devm_add_action(dev, pmac_free_vectors, card);
+	if (err)
+		pmac_free_vectors(card);
+	else
 		dev_info(dev, "uio%d: A%u, DPRAM %#x, mailboxes %#x, level %u, vectors %#x to %#x\n",
 			 info->uio_dev->minor, bits[n], dpram[n], mailbox[n], level[n], vector[n] - 1, vector[n] + 1);
 	return err;
@@ -268,30 +294,82 @@ static struct vme_driver pmac_driver = {
 	.probe = pmac_probe,
 };
 
-/* Loading fails if any card of the parameters fails: the operator has to notice. */
+static int __init pmac_check_address(unsigned int n, const char *name, unsigned int address, unsigned int size)
+{
+	if (address % size)
+		pr_err("card %u: %s=%#x is no multiple of %#x\n", n, name, address, size);
+	else if (address + (u64)size > 1ULL << bits[n])
+		pr_err("card %u: %s=%#x is out of reach of %u bits of address\n", n, name, address, bits[n]);
+	else
+		return 0;
+	return -EINVAL;
+}
+
+static int __init pmac_check(unsigned int n)
+{
+	unsigned int other;
+
+	if (bits[n] != 16 && bits[n] != 24 && bits[n] != 32) {
+		pr_err("card %u: bits=%u: a card takes 16, 24 or 32 bits of address\n", n, bits[n]);
+		return -EINVAL;
+	}
+	if (level[n] < 1 || level[n] > 7) {
+		pr_err("card %u: level=%u: a VME bus has levels 1 to 7\n", n, level[n]);
+		return -EINVAL;
+	}
+	if (vector[n] < 1 || vector[n] > 254) {
+		pr_err("card %u: vector=%#x leaves no room for v-1 and v+1\n", n, vector[n]);
+		return -EINVAL;
+	}
+	for (other = 0; other < n; other++) {
+		if (level[other] == level[n] && abs((int)vector[other] - (int)vector[n]) < 3) {
+			pr_err("cards %u and %u share a vector\n", other, n);
+			return -EINVAL;
+		}
+	}
+	return pmac_check_address(n, "dpram", dpram[n], PMAC_DPRAM) ?:
+	       pmac_check_address(n, "mailbox", mailbox[n], PMAC_MAILBOX);
+}
+
+/*
+ * Loading fails as long as nobody can have opened a device: the operator has to notice. Later it must not, as the kernel
+ * frees a module that fails even while a program uses it. Then the cards that work stay, and the log tells of the others.
+ */
 static int __init pmac_init(void)
 {
+	unsigned int n;
 	int err;
 
 	if (!cards || mailboxes != cards) {
-		pr_err(PMAC_NAME ": each card needs dpram, mailbox, level and vector\n");
+		pr_err("each card needs dpram, mailbox, level and vector\n");
 		return -EINVAL;
 	}
+	for (n = 0; n < cards; n++) {
+		err = pmac_check(n);
+		if (err)
+			return err;
+	}
 	err = vme_register_driver(&pmac_driver, cards);
-	if (err)
-		return err;
-	if (!pmac_found) {
-		pr_err(PMAC_NAME ": there is no VME bus: load the bridge's driver first\n");
+	pmac_registered = !err;
+	if (!err && !pmac_found) {
+		pr_err("there is no VME bus: load the bridge's driver first\n");
 		pmac_error = -ENODEV;
 	}
-	if (pmac_error)
+	if (!err)
+		err = pmac_error;
+	if (err && pmac_public) {
+		pr_err("not every card works, see above; the module stays for those that do\n");
+		return 0;
+	}
+	if (err && pmac_registered)
 		vme_unregister_driver(&pmac_driver);
-	return pmac_error;
+	return err;
 }
 
 static void __exit pmac_exit(void)
 {
-	vme_unregister_driver(&pmac_driver);
+	if (pmac_registered)
+		vme_unregister_driver(&pmac_driver);
 }
 
 module_init(pmac_init);

@@ -39,9 +39,17 @@ refuses 'level 8' 'levels 1 to 7' $card level=8
 refuses 'vector 255' 'no room' $card vector=255
 refuses 'half a page' 'no multiple' $card dpram=0x76e000
 refuses 'address bits' 'takes 16, 24 or 32 bits' $card bits=20
-refuses 'out of reach' 'cannot reach dpram' $card dpram=0x1000000
-refuses 'one vector twice' 'cannot be had' dpram=0x76c000,0x770000 mailbox=0x7fa000,0x7fa200 level=2,2 vector=0xa1,0xa3
+refuses 'out of reach' 'dpram=0x1000000 is out of reach' $card dpram=0x1000000
+refuses 'one vector twice' 'share a vector' dpram=0x76c000,0x770000 mailbox=0x7fa000,0x7fa200 level=2,2 vector=0xa1,0xa3
+refuses 'the second card' 'card 1: level=0' dpram=0x76c000,0x770000 mailbox=0x7fa000,0x7fa200 level=2 vector=0xa1
 expect 'what was refused leaves nothing' '' "$(ls /sys/class/uio)"
+
+# Half of the bridge's eight windows are vme_user's: two cards get theirs. Somebody may have opened their devices by then.
+modprobe vme_user bus=0 && modprobe pmac_vme dpram=0x76c000,0x770000,0x774000 mailbox=0x7fa000,0x7fa200,0x7fa400 level=2,2,2 vector=0xa1,0xb1,0xc1 ||
+	fail "three cards beside vme_user: $(dmesg | tail -n 5)"
+expect 'the third card fails, and two stay' 'pmac-vme0 pmac-vme1' "$(cat /sys/class/uio/*/name | grep -x 'pmac-vme.' | xargs)"
+expect_in 'and the log says so' 'not every card works' "$(dmesg | tail -n 4 | grep -A1 'pmac_vme.0-2: error -EBUSY: the bridge has no more window' | tail -n 1)"
+rmmod pmac_vme && rmmod vme_user && ok 'both modules go' || fail 'rmmod pmac_vme vme_user'
 
 modprobe pmac_vme $card || { fail 'modprobe pmac_vme'; dmesg | tail -n 5; }
 expect 'three devices' 'pmac-vme0-taken pmac-vme0-reply pmac-vme0' "$(cat /sys/class/uio/uio0/name /sys/class/uio/uio1/name /sys/class/uio/uio2/name | xargs)"
