@@ -105,7 +105,8 @@ static void pmac_interrupt(int level, int vector, void *data)
 {
 	struct pmac_vector *v = data;
 
-	if (smp_load_acquire(&v->live))
+	/* vme_irq_free takes the handler away, then its data: a vector between the two comes without. */
+	if (v && smp_load_acquire(&v->live))
 		uio_event_notify(&v->info);
 }
 
@@ -184,6 +185,8 @@ static void pmac_free_vectors(void *data)
 
 	while (card->requested)
 		vme_irq_free(card->vdev, level[n], vector[n] - 1 + --card->requested);
+	/* A bridge calls handlers in interrupts, their threads and bottom halves: RCU readers all of them. */
+	synchronize_rcu();
 }
 
 static int pmac_request_vectors(struct pmac_card *card)
