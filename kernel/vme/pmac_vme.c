@@ -56,20 +56,21 @@
 
 static unsigned int dpram[PMAC_CARDS];
 static unsigned int cards;
-module_param_hw_array(dpram, uint, other, &cards, 0444);
+/* VME addresses, levels and vectors are none of the host's: a kernel that is locked down may take them. */
+module_param_array(dpram, uint, &cards, 0444);
 MODULE_PARM_DESC(dpram, "VME address of each card's DPRAM");
 
 static unsigned int mailbox[PMAC_CARDS];
 static unsigned int mailboxes;
-module_param_hw_array(mailbox, uint, other, &mailboxes, 0444);
+module_param_array(mailbox, uint, &mailboxes, 0444);
 MODULE_PARM_DESC(mailbox, "VME address of each card's mailboxes");
 
 static unsigned int level[PMAC_CARDS];
-module_param_hw_array(level, uint, other, NULL, 0444);
+module_param_array(level, uint, NULL, 0444);
 MODULE_PARM_DESC(level, "interrupt level of each card, 1 to 7");
 
 static unsigned int vector[PMAC_CARDS];
-module_param_hw_array(vector, uint, other, NULL, 0444);
+module_param_array(vector, uint, NULL, 0444);
 MODULE_PARM_DESC(vector, "vector v of each card, 1 to 254; the card uses v-1 and v+1 too");
 
 static unsigned int bits[PMAC_CARDS] = { [0 ... PMAC_CARDS - 1] = 24 };
