@@ -71,7 +71,7 @@ MODULE_PARM_DESC(level, "interrupt level of each card, 1 to 7");
 
 static unsigned int vector[PMAC_CARDS];
 module_param_array(vector, uint, NULL, 0444);
-MODULE_PARM_DESC(vector, "vector v of each card, 1 to 254; the card uses v-1 and v+1 too");
+MODULE_PARM_DESC(vector, "vector v of each card, odd, 1 to 253; the card uses v-1 and v+1 too");
 
 static unsigned int bits[PMAC_CARDS] = { [0 ... PMAC_CARDS - 1] = 24 };
 module_param_array(bits, uint, NULL, 0444);
@@ -321,8 +321,8 @@ static int __init pmac_check(unsigned int n)
 		pr_err("card %u: level=%u: a VME bus has levels 1 to 7\n", n, level[n]);
 		return -EINVAL;
 	}
-	if (vector[n] < 1 || vector[n] > 254) {
-		pr_err("card %u: vector=%#x leaves no room for v-1 and v+1\n", n, vector[n]);
+	if (!(vector[n] & 1) || vector[n] > 253) {
+		pr_err("card %u: vector=%#x: a card takes v-1, v and v+1, with an odd v from 0x01 to 0xfd\n", n, vector[n]);
 		return -EINVAL;
 	}
 	for (other = 0; other < n; other++) {

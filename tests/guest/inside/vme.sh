@@ -36,7 +36,9 @@ refuses 'no bridge' 'no VME bus' $card
 modprobe vme_fake memory=0xd0000000 pins=3,6,7 || fail 'modprobe vme_fake'
 refuses 'no mailboxes' 'needs dpram, mailbox, level and vector' dpram=0x76c000
 refuses 'level 8' 'levels 1 to 7' $card level=8
-refuses 'vector 255' 'no room' $card vector=255
+refuses 'vector 255' 'an odd v' $card vector=255
+refuses 'vector 254' 'an odd v' $card vector=254
+refuses 'an even vector' 'an odd v' $card vector=0xa2
 refuses 'half a page' 'no multiple' $card dpram=0x76e000
 refuses 'address bits' 'takes 16, 24 or 32 bits' $card bits=20
 refuses 'out of reach' 'dpram=0x1000000 is out of reach' $card dpram=0x1000000
