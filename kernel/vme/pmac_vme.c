@@ -93,7 +93,8 @@ struct pmac_card {
 	struct pmac_window windows[2];		/* as the maps of the UIO device: DPRAM, mailboxes */
 	struct pmac_vector vectors[3];		/* v-1, v, v+1 */
 	unsigned int requested;			/* of the vectors, from the first on */
-	struct inode *inode;			/* of the device's node, once that was opened; UIO serialises open */
+	struct inode *inode;			/* of the device's node, while it is open */
+	unsigned int opened;			/* how often; UIO serialises open and release */
 };
 
 /* The cards found, why the last of those that failed did, and whether a UIO device has ever been there to be opened. */
@@ -120,9 +121,24 @@ static int pmac_open(struct uio_info *info, struct inode *inode)
 {
 	struct pmac_card *card = info->priv;
 
-	if (!card->inode) {
+	/* The maps of a second inode would outlive the windows. */
+	if (card->inode && card->inode != inode)
+		return -EBUSY;
+	if (!card->opened++) {
 		ihold(inode);
 		card->inode = inode;
+	}
+	return 0;
+}
+
+/* A map holds its file open. Later than the last close the node's file system may go, which the inode does not hold. */
+static int pmac_release(struct uio_info *info, struct inode *inode)
+{
+	struct pmac_card *card = info->priv;
+
+	if (!--card->opened) {
+		card->inode = NULL;
+		iput(inode);
 	}
 	return 0;
 }
@@ -252,6 +268,7 @@ static int pmac_add_card(struct vme_dev *vdev)
 	/* The last has the maps. */
 	info->priv = card;
 	info->open = pmac_open;
+	info->release = pmac_release;
 	info->mmap = pmac_mmap;
 	for (i = 0; i < ARRAY_SIZE(card->windows); i++)
 		card->windows[i].space = space;

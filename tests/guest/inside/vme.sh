@@ -95,11 +95,16 @@ wait_for 20 ctl send GATHER
 wait_for 20 ctl motors && ok 'the page is written again' || fail 'no live data after a reset'
 expect 'and commands are answered' 43 "$(ctl send P7=43 >/dev/null; ctl send P7)"
 
+# A second node of the device: its maps would not end with the bridge's windows.
+mknod /run/second c "$((0x$(stat -c %t /dev/uio2)))" "$((0x$(stat -c %T /dev/uio2)))"
+(exec 3<>/run/second) 2>/run/opened && fail 'a second node opens' || expect_in 'a second node is refused' 'busy' "$(cat /run/opened)"
+
 # In use, the module stays.
 rmmod pmac_vme 2>/dev/null && fail 'rmmod while pmacd uses it' || ok 'the module stays while it is in use'
 wait_for 20 ctl motors && ok 'and pmacd with it' || fail 'pmacd has lost its board'
 stop_daemon
 complaints
+(exec 3<>/run/second) && ok 'the second node opens once the first is closed' || fail 'the second node does not open'
 sleep 1
 say "value dpram $(($(event uio2) - 1))"
 say "value taken $(($(event uio0) - 1))"
