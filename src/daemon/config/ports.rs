@@ -99,7 +99,8 @@ impl MailboxConfig {
         lines: bool,
     ) -> Result<Option<Self>, Refusal> {
         let Some(table) = table else {
-            return Ok(VmeCard::of(&System::here(), board).map(|card| Self::of_card(card, lines)));
+            let card = VmeCard::of(&System::here(), board).map_err(Refusal::anywhere)?;
+            return Ok(card.map(|card| Self::of_card(card, lines)));
         };
         let config = table.decide()?;
         if config.when != MailboxUse::Never && !lines {
