@@ -35,7 +35,7 @@ fn answer(setup: &VmeSetup, window: BridgeWindow, node: &Path) -> Result<Explana
     let page = page.map(|page| format!("page = {page:#04x}\n")).unwrap_or_default();
     // vme_user passes no interrupt on, and command lines through the mailboxes need two.
     let text = format!(
-        "# {node}: {address:#x} to {:#x} of the VME bus, A{}, D16, until vme_user is unloaded\n\
+        "# {node}: {address:#x} to {:#x} of the VME bus, A{}, D16, until the bridge's driver is unloaded\n\
          {board}[mailbox]\nregisters = \"{registers}\"\nuse = \"never\"\n{page}",
         address + (size - 1),
         address_bits.count(),
@@ -65,7 +65,7 @@ mod tests {
         let Explanation { document, text, .. } = shown(setup);
         assert_eq!(
             text,
-            "# /dev/bus/vme/m0: 0x1f0000 to 0x7fffff of the VME bus, A24, D16, until vme_user is unloaded\n\
+            "# /dev/bus/vme/m0: 0x1f0000 to 0x7fffff of the VME bus, A24, D16, until the bridge's driver is unloaded\n\
              board = \"vme:/dev/bus/vme/m0,offset=0xc000\"\n\n\
              [mailbox]\nregisters = \"vme:/dev/bus/vme/m0,offset=0x60a000\"\nuse = \"never\"\npage = 0x3f\n"
         );

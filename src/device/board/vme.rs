@@ -26,7 +26,7 @@ const MASTERS: std::ops::Range<u64> = 0..4;
 const CYCLE: u32 = 0x1 | 0x2000 | 0x8000;
 const D16: u32 = 0x2;
 
-/// Has the bridge show `window` of the VME bus at `node`, until vme_user is unloaded.
+/// Has the bridge show `window` of the VME bus at `node`, until the bridge's driver is unloaded: vme_user leaves the window as it is.
 ///
 /// # Errors
 /// [`OpenError`] when the machine has no such node, this user may not use it, it is no master window, or the bridge
