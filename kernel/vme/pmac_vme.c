@@ -28,8 +28,11 @@
  * Removal: while the device is open this module stays. The bridge's driver may go all the same, and its windows with it;
  * then the maps end, and a program's next access ends the program, before another card could lie there.
  *
- * Tested with the kernel's vme_fake bridge, a simulated card, and Linux 6.1 and 6.12. UNTESTED with hardware: no Tsi148
- * and no card was there. Linux has dropped its driver for the Universe II: with that bridge this module has no bus.
+ * Windows: a card takes two. A Tsi148 has eight, so four cards; vme_user takes four of them, so two cards beside it.
+ *
+ * Tested with the kernel's vme_fake bridge, patched to show a simulated card, and Linux 6.1 and 6.12; DKMS ran once, by
+ * hand, for 6.1. UNTESTED: hardware (no Tsi148 and no card was there), two cards at work, bits=16, bits=32. Linux has
+ * dropped its driver for the Universe II: with that bridge this module has no bus.
  */
 #define pr_fmt(fmt)	KBUILD_MODNAME ": " fmt
 
@@ -279,7 +282,7 @@ static int pmac_add_card(struct vme_dev *vdev)
 		err = devm_add_action_or_reset(dev, pmac_end_maps, card);
 	if (err)
 		return err;
-	/* All that may be refused comes before the first device. The vectors go before the devices, so their action is last. */
+	/* The bridge may refuse a vector, so they come before the first device. They go before the devices, too. */
 	err = pmac_request_vectors(card);
 	if (!err)
 		err = pmac_register_devices(card);
@@ -353,8 +356,8 @@ static int __init pmac_check(unsigned int n)
 }
 
 /*
- * Loading fails as long as nobody can have opened a device: the operator has to notice. Later it must not, as the kernel
- * frees a module that fails even while a program uses it. Then the cards that work stay, and the log tells of the others.
+ * Loading fails as long as nobody can have opened a device: the operator has to notice. Later it must not: the kernel
+ * frees a module that fails even while a program uses it. Then the cards that work stay, and the log tells of others.
  */
 static int __init pmac_init(void)
 {
