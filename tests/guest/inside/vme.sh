@@ -36,9 +36,9 @@ refuses 'no bridge' 'no VME bus' $card
 modprobe vme_fake memory=0xd0000000 pins=3,6,7 || fail 'modprobe vme_fake'
 refuses 'no mailboxes' 'needs dpram, mailbox, level and vector' dpram=0x76c000
 refuses 'level 8' 'levels 1 to 7' $card level=8
-refuses 'vector 255' 'an odd v' $card vector=255
-refuses 'vector 254' 'an odd v' $card vector=254
-refuses 'an even vector' 'an odd v' $card vector=0xa2
+refuses 'vector 255' 'vector=0xff: a card takes' $card vector=255
+refuses 'vector 254' 'vector=0xfe: a card takes' $card vector=254
+refuses 'an even vector' 'vector=0xa2: a card takes' $card vector=0xa2
 refuses 'half a page' 'no multiple' $card dpram=0x76e000
 refuses 'address bits' 'takes 16, 24 or 32 bits' $card bits=20
 refuses 'out of reach' 'dpram=0x1000000 is out of reach' $card dpram=0x1000000
@@ -50,7 +50,7 @@ expect 'what was refused leaves nothing' '' "$(ls /sys/class/uio)"
 modprobe vme_user bus=0 && modprobe pmac_vme dpram=0x76c000,0x770000,0x774000 mailbox=0x7fa000,0x7fa200,0x7fa400 level=2,2,2 vector=0xa1,0xb1,0xc1 ||
 	fail "three cards beside vme_user: $(dmesg | tail -n 5)"
 expect 'the third card fails, and two stay' 'pmac-vme0 pmac-vme1' "$(cat /sys/class/uio/*/name | grep -x 'pmac-vme.' | xargs)"
-expect_in 'and the log says so' 'not every card works' "$(dmesg | tail -n 4 | grep -A1 'pmac_vme.0-2: error -EBUSY: the bridge has no more window' | tail -n 1)"
+expect_in 'and the log says so' 'not every card works' "$(dmesg | tail -n 1)"
 rmmod pmac_vme && rmmod vme_user && ok 'both modules go' || fail 'rmmod pmac_vme vme_user'
 
 modprobe pmac_vme $card || { fail 'modprobe pmac_vme'; dmesg | tail -n 5; }
