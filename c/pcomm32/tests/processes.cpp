@@ -11,7 +11,7 @@ static void ends(const char *when)
     char text[64];
     EQUAL(PmacGetResponseA(0, text, sizeof text, "P40=40"), 0);
     EQUAL(PmacGetError(0), 0);
-    EQUAL(PmacGetResponseA(0, text, sizeof text, "#1K P40"), 3);
+    EQUAL(PmacGetResponseA(0, text, sizeof text, "#1J/ P40"), 3);
     SAME(text, "40\r");
     EQUAL(PmacGetResponseA(0, text, sizeof text, "XYZZY"), 0);
     EQUAL(PmacGetError(0), 3);
