@@ -343,6 +343,22 @@ static int32_t once(void *asked)
     return ++*(int *)asked < 2;
 }
 
+/* Waits until no program runs in coordinate system 1. */
+static void until_ended(pmac_board *board)
+{
+    int look;
+    int32_t is_set = 1;
+    for (look = 0; look < 200 && is_set; look++) {
+        pmac_snapshot *snapshot = NULL;
+        pause_ms(50);
+        /* On a busy machine the data may not be live for a moment. */
+        if (pmac_snapshot_take(board, 0, &snapshot, NULL) == PMAC_OK)
+            pmac_snapshot_system_flag(snapshot, 1, "running_program", &is_set, NULL);
+        pmac_snapshot_free(snapshot);
+    }
+    CHECK(!is_set);
+}
+
 static void sequences(pmac_board *board)
 {
     static const char program[] = "LINEAR INC TM50 TA20 TS5\nX100 Y50\nX-100 Y50\n";
@@ -383,9 +399,11 @@ static void sequences(pmac_board *board)
     CHECK(streamed.lines == 3 && streamed.commands >= 3 && pmac_reply_count(warnings) == 0);
     pmac_reply_free(warnings);
     GIVES(PMAC_OK, pmac_command(board, "&1Q", 5000, 0, NULL, &error));
+    until_ended(board);
     /* Of more lines than both buffers hold the board takes no more; a time-out of 0 is a minute and no immediate end. */
     for (line = 0; line < (int)sizeof many / 3; line++)
         memcpy(many + 3 * line, "X1\n", 3);
+    options.define_longs = 0;
     options.flags = PMAC_ROTARY_CLEAR;
     options.timeout_ms = 0;
     asked = 0;
@@ -566,7 +584,6 @@ static void without_daemon(pmac_board *board, pid_t daemon)
     GIVES(PMAC_OK, pmac_messages_open(board, &found, &error));
     memset(&options, 0, sizeof options);
     options.coordinate_system = 1;
-    options.define_longs = 1000;
     options.flags = PMAC_ROTARY_CLEAR;
     GIVES(PMAC_STOP_FAILED, pmac_rotary(board, "x", (const uint8_t *)"X1", 2, &options, sizeof options, killed, &killer, NULL,
                                         0, NULL, &error));
