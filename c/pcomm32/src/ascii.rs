@@ -88,7 +88,7 @@ fn exchange(device: &Device, text: &[u8]) -> Result<Vec<String>, Fault> {
     match failed {
         None => Ok(replies),
         Some(fault) if lines.len() == 1 => Err(Fault { lines: replies, ..fault }),
-        Some(fault) => Err(Fault { lines: replies, ..fault.after(succeeded, lines.len()) }),
+        Some(fault) => Err(Fault { lines: replies, ..fault.after(succeeded, lines.len(), "lines") }),
     }
 }
 

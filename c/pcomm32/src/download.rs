@@ -100,7 +100,7 @@ impl Download {
                 let rest = over.err().map_or(String::new(), |fault| format!("; {}", fault.why));
                 return Err(Fault::refused(failed + &rest));
             }
-            let over = over.map_err(|fault| fault.after(heard.get().unwrap_or(0), lines.len()))?;
+            let over = over.map_err(|fault| fault.after(heard.get().unwrap_or(0), lines.len(), "lines"))?;
             let notes = over.notes.join("; ");
             if over.taken < lines.len() as u64 {
                 let (taken, all) = (over.taken, lines.len());

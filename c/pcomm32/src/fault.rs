@@ -57,9 +57,9 @@ impl Fault {
         Self { kind: Kind::Refused(NOT_NOW), why: why.into(), lines: Vec::new() }
     }
 
-    /// The same failure after `taken` of `all` lines: they are not told as not done.
-    pub(crate) fn after(mut self, taken: usize, all: usize) -> Self {
-        self.why += &format!("; {taken} of {all} lines succeeded");
+    /// The same failure after `taken` of `all` lines or other `parts`: they are not told as not done.
+    pub(crate) fn after(mut self, taken: usize, all: usize, parts: &str) -> Self {
+        self.why += &format!("; {taken} of {all} {parts} succeeded");
         if taken > 0 && matches!(self.kind, Kind::Gone | Kind::Argument) {
             self.kind = Kind::Uncertain;
         }
@@ -207,10 +207,10 @@ mod tests {
     #[test]
     fn a_daemon_that_goes_between_two_lines_leaves_an_unknown_outcome() {
         let gone = || Fault { kind: Kind::Gone, why: "gone".to_owned(), lines: Vec::new() };
-        assert_eq!(gone().after(0, 2).kind, Kind::Gone);
-        let fault = gone().after(1, 2);
+        assert_eq!(gone().after(0, 2, "lines").kind, Kind::Gone);
+        let fault = gone().after(1, 2, "lines");
         assert_eq!((fault.kind, fault.why.as_str()), (Kind::Uncertain, "gone; 1 of 2 lines succeeded"));
-        assert_eq!(Fault::refused("no").after(1, 2).kind, Kind::Refused(NOT_NOW));
+        assert_eq!(Fault::refused("no").after(1, 2, "lines").kind, Kind::Refused(NOT_NOW));
     }
 
     #[test]

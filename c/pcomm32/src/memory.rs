@@ -106,6 +106,7 @@ fn write_masked(device: &Device, offset: u32, bytes: &[(u8, u8)]) -> Result<(), 
         .collect();
     let first = HostOffset::new(offset & !1);
     let places: Vec<_> = words.iter().enumerate().map(|(at, word)| (first.plus_words(at), *word)).collect();
+    let mut written = 0;
     // No run reaches over a word of the handshake.
     for run in
         places.chunk_by(|(before, _), (next, _)| is_handshake(family, *before) == is_handshake(family, *next))
@@ -115,7 +116,10 @@ fn write_masked(device: &Device, offset: u32, bytes: &[(u8, u8)]) -> Result<(), 
         }
         for part in run.chunks(READ_MAX) {
             let words: Vec<_> = part.iter().map(|(_, word)| *word).collect();
-            device.ask(|connection| connection.write(part[0].0, &words, false))?;
+            device.ask(|connection| connection.write(part[0].0, &words, false)).map_err(|fault| {
+                if written == 0 { fault } else { fault.after(written, places.len(), "words") }
+            })?;
+            written += words.len();
         }
     }
     Ok(())
